@@ -25,16 +25,17 @@ pub(super) fn check(outputs: &[PathBuf], suffixes: &[&str], console: &Console) -
             return Err(Error::command_line(format!("-o {path}: the name must end in {known}")));
         }
         if path.is_dir() {
-            return Err(Error::new(ExitCode::Io, format!("-o {}: is a folder", path.display())));
+            return Err(Error::new(ExitCode::Io, format!("-o {}: is a folder", path.display())).of_file(path));
         }
         let folder = match path.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
         };
         if !folder.is_dir() {
-            let (path, folder) = (path.display(), folder.display());
-            return Err(Error::new(ExitCode::Io, format!("-o {path}: there is no folder {folder}")));
+            let message = format!("-o {}: there is no folder {}", path.display(), folder.display());
+            return Err(Error::new(ExitCode::Io, message).of_file(path));
         }
+        atomic::probe(path).map_err(|e| e.at("-o"))?;
     }
     Ok(())
 }

@@ -5,17 +5,18 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::baking::{BakeOptions, light_kinds};
-use super::console::{Console, parse_size};
-use crate::asset::Asset;
+use super::console::{Console, Unitless, parse_size};
+use crate::asset::{Asset, Provenance};
 use crate::error::{Error, ExitCode, Result};
-use crate::evaluate::Model;
 use crate::evaluate::keys::share;
+use crate::evaluate::{Model, Recipe};
 use crate::forms::gathered::uncalibrated;
 use crate::import::Imported;
 use crate::import::file::suffix;
 use crate::io::atomic;
 use crate::plan::{self, DEFAULT_MAX_RMS, Edits, Plan, Planned, Request, Setting};
 use crate::report::text::percent;
+use crate::scene::Scene;
 
 /// Name of the method that stands for a plan.
 pub(super) const AUTO: &str = "auto";
@@ -105,7 +106,11 @@ impl PlanOptions {
                 Some(Edit::Any) => Edits::Any,
             },
             max_bytes_per_vertex: positive("--max-bytes-per-vertex", self.max_bytes_per_vertex)?,
-            max_bytes: self.max_bytes.as_deref().map(|text| parse_size("--max-bytes", text)).transpose()?,
+            max_bytes: self
+                .max_bytes
+                .as_deref()
+                .map(|text| parse_size("--max-bytes", text, Unitless::Bytes))
+                .transpose()?,
             max_relight_ms: positive("--max-relight-ms", self.max_relight_ms)?,
             max_bake_s: positive("--max-bake-s", self.max_bake_s)?,
             max_rms_may_grow: options.max_rms.is_none(),
@@ -120,12 +125,10 @@ impl PlanOptions {
         if suffix(path) != "json" {
             return Err(Error::command_line(format!("--report {}: the name must end in .json", path.display())));
         }
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        if path.is_dir() || !folder.is_dir() || path == asset {
-            let what = format!("--report {}: no file can be written there", path.display());
-            return Err(Error::new(ExitCode::Io, what));
+        if path == asset {
+            return Err(Error::command_line(format!("--report {}: that is the asset", path.display())));
         }
-        Ok(())
+        atomic::probe(path).map_err(|e| e.at("--report"))
     }
 
     /// Writes the plan where it is asked for.
@@ -152,6 +155,13 @@ pub(super) fn bake(request: &Request, imported: Imported, console: &Console) -> 
         console.warn(&format!("part `{part}` is not closed: it keeps its dipole, which needs no volume"));
     }
     Ok((plan, asset))
+}
+
+/// The recipe that a plan would bake first.
+pub(super) fn choose(request: &Request, scene: &Scene, origin: Provenance, console: &Console) -> Result<Recipe> {
+    let setting = Setting { registry: &console.registry, provenance: origin, max_memory: console.max_memory };
+    let missed = || Error::new(ExitCode::QualityNotMet, "nothing that could be baked is expected to meet the request");
+    plan::choose(request, scene, &setting, console)?.ok_or_else(missed)
 }
 
 /// The verdict on a plan: an error where it misses the request.

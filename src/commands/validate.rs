@@ -5,22 +5,26 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::console::Console;
+use super::many;
 use crate::error::{ExitCode, Result};
 use crate::report::validation::{catalogue, validate};
 
 #[derive(Clone, Debug, Args)]
 #[command(after_long_help = catalogue())]
 pub(super) struct ValidateArgs {
-    /// Asset
-    asset: PathBuf,
+    /// Assets
+    #[arg(required = true)]
+    assets: Vec<PathBuf>,
 }
 
 pub(super) fn run(args: &ValidateArgs, console: &Console) -> Result<ExitCode> {
-    let result = validate(&args.asset, &console.registry, console)?;
-    console.show("validate", &result)?;
-    Ok(match (result.errors, result.finding_warnings, console.global.strict) {
-        (1.., _, _) => ExitCode::InvalidInput,
-        (_, 1.., true) => ExitCode::QualityNotMet,
-        _ => ExitCode::Ok,
+    many::show("validate", &args.assets, console, |path| {
+        let result = validate(path, &console.registry, console.budget(), console)?;
+        let code = match (result.errors, result.finding_warnings, console.global.strict) {
+            (1.., _, _) => ExitCode::InvalidInput,
+            (_, 1.., true) => ExitCode::QualityNotMet,
+            _ => ExitCode::Ok,
+        };
+        Ok((result, code))
     })
 }

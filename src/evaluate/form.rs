@@ -10,6 +10,7 @@ use serde::de::DeserializeOwned;
 use translux_format::metadata::tags;
 use translux_format::{Codec, FormatError, Kind, RawSection, Tag};
 
+use super::capabilities::Capabilities;
 use super::evaluator::Evaluator;
 use super::forecast::Forecast;
 use crate::asset::Asset;
@@ -140,6 +141,12 @@ pub trait Form: Serialize + DeserializeOwned + Send + Sync + 'static {
         model == Model::Dipole
     }
 
+    /// The edits that the evaluators of an asset allow in the media that it was baked with, told by which sections there are; none where
+    /// only an evaluator knows.
+    fn edits(&self, _has: &dyn Fn(Tag) -> bool) -> Option<Capabilities> {
+        None
+    }
+
     /// Memory that a bake of this scene takes, in bytes, estimated before the work.
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64;
 
@@ -181,6 +188,9 @@ pub trait AnyForm: Any + Send + Sync {
     /// See [`Form::serves`].
     fn serves(&self, model: Model) -> bool;
 
+    /// See [`Form::edits`].
+    fn edits(&self, has: &dyn Fn(Tag) -> bool) -> Option<Capabilities>;
+
     /// See [`Form::bake_memory`].
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64;
 
@@ -221,6 +231,10 @@ impl<F: Form> AnyForm for F {
 
     fn serves(&self, model: Model) -> bool {
         Form::serves(self, model)
+    }
+
+    fn edits(&self, has: &dyn Fn(Tag) -> bool) -> Option<Capabilities> {
+        Form::edits(self, has)
     }
 
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use translux_format::RawSection;
 use translux_format::metadata::tags;
 
 use super::evaluator::Evaluator;
@@ -214,8 +215,16 @@ impl Registry {
     /// # Errors
     /// Invalid input: no record of them, or one out of range; unsupported: a form that is not here.
     pub fn form(&self, asset: &Asset) -> Result<Box<dyn AnyForm>> {
+        self.form_of(&asset.sections)
+    }
+
+    /// The form that some sections name.
+    ///
+    /// # Errors
+    /// As [`Self::form`].
+    pub fn form_of(&self, sections: &[RawSection]) -> Result<Box<dyn AnyForm>> {
         let section = |tag| {
-            asset.sections.iter().find(|section| section.tag == tag).ok_or_else(|| {
+            sections.iter().find(|section| section.tag == tag).ok_or_else(|| {
                 Error::input(format!("an asset without section {tag}, which says how to read it; bake it again"))
             })
         };

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use glam::DVec3;
-use translux_format::RawSection;
 use translux_format::multilevel::MultilevelSummation;
+use translux_format::{RawSection, Tag, calibration};
 
 use super::forecast::forecast;
 use super::lit_samples::GatheredEvaluator;
@@ -17,12 +17,15 @@ use crate::evaluate::form::{read_error, write_error};
 use crate::evaluate::inter_reflection::{self, Outside};
 use crate::evaluate::single_scattering::Traced;
 use crate::evaluate::stages::{of_kinds, spread};
-use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Forecast, Form, Model};
+use crate::evaluate::{
+    AssetParts, BakeSettings, Capabilities, Evaluator, Forecast, Form, MaterialEdit, Model, ProfileEdit,
+};
 use crate::forms::density;
 use crate::forms::environment_rows::{self, EnvironmentRows, StoredRows};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{self, Samples};
 use crate::light::{Light, LightKind};
+use crate::math::statistics::VertexError;
 use crate::medium::material::{Medium, OpticalProperties, preset};
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
@@ -42,6 +45,9 @@ const LIGHTS: usize = 3;
 /// Published materials that it is chosen by beside the scene's own: those with the largest errors of nets and near
 /// samples.
 const MATERIALS: [&str; 3] = ["ketchup", "chicken1", "spectralon"];
+
+/// Stage of assets that hold no transport, whose error is 0.
+const NOTHING_STORED: &str = "nothing stored";
 
 /// Bytes of a sample or a receiver while nets are made.
 const BYTES_OF_A_POINT: u64 = 1200;
@@ -77,6 +83,12 @@ impl Form for Gathered {
         true
     }
 
+    fn edits(&self, has: &dyn Fn(Tag) -> bool) -> Option<Capabilities> {
+        let source_fields = environment_rows::source_fields(has);
+        let profile = if has(calibration::tags::NUMBERS) { ProfileEdit::Calibrated } else { ProfileEdit::Any };
+        Some(Capabilities { material: MaterialEdit::Any, profile, source_fields })
+    }
+
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
         let samples = self.density.count(scene, settings.samples);
         let nets = self.nets.map_or(0, |_| (samples + scene.mesh.local_mm.len()) as u64 * BYTES_OF_A_POINT);
@@ -106,7 +118,9 @@ impl Form for Gathered {
         };
         if self.nets.is_none() && environment.is_none() {
             progress.finish();
-            return Ok(AssetParts { samples, ledger: Ledger::default(), sections: calibration });
+            let mut ledger = Ledger::default();
+            ledger.add(NOTHING_STORED, VertexError::default(), "samples alone: errors are those of sums at run time");
+            return Ok(AssetParts { samples, ledger, sections: calibration });
         }
         // Neighbours lie together, which rows in blocks rest on.
         let samples = in_tree_order(&samples, &samples::patches(&scene.mesh, &samples));

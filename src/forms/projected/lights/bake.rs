@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::sync::Arc;
 
 use glam::DVec3;
+use translux_format::Tag;
 use translux_format::quantised_lights::{QuantisedLights as File, tags};
 
 use super::evaluate::{open, transport};
@@ -16,7 +17,7 @@ use crate::compress::prediction::Net;
 use crate::error::Result;
 use crate::evaluate::form::write_error;
 use crate::evaluate::stages::{of_kinds, spread, worst};
-use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Forecast, Form, Model};
+use crate::evaluate::{AssetParts, BakeSettings, Capabilities, Evaluator, Forecast, Form, Model};
 use crate::forms::density;
 use crate::forms::distant;
 use crate::forms::projected::coding::{Radiosities, code};
@@ -69,6 +70,10 @@ impl Form for QuantisedLights {
 
     fn serves(&self, _: Model) -> bool {
         true
+    }
+
+    fn edits(&self, _: &dyn Fn(Tag) -> bool) -> Option<Capabilities> {
+        Some(Capabilities::NONE)
     }
 
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {

@@ -1,0 +1,47 @@
+//! Memory that an opened asset takes, told by its arrays before they are decoded.
+
+use translux_format::{coefficients, distant_transport, filtered_normals, quantised_lights};
+
+use crate::asset::Asset;
+use crate::scene::Scene;
+
+/// Bytes of a vertex beside its position: receiver, area, normal, radiosity twice.
+const OF_A_VERTEX: u64 = 160;
+
+/// Bytes of a triangle beside its corners: hierarchy of the occluders, part, material.
+const OF_A_TRIANGLE: u64 = 220;
+
+/// Bytes of a number of a coded matrix: decoded, predicted, and as it is evaluated.
+const OF_A_CODED_NUMBER: u64 = 11;
+
+/// Bytes that mesh, occluders and receivers take.
+pub fn of_scene(scene: &Scene) -> u64 {
+    scene.mesh.local_mm.len() as u64 * OF_A_VERTEX + scene.mesh.triangles.len() as u64 * OF_A_TRIANGLE
+}
+
+/// Bytes of the sections.
+pub fn of_sections(asset: &Asset) -> u64 {
+    asset.sections.iter().map(|section| section.bytes.len() as u64).sum()
+}
+
+/// Numbers of the coded matrices, as many as they claim.
+fn coded_numbers(asset: &Asset) -> u64 {
+    let sets = quantised_lights::tags::SETS
+        .iter()
+        .chain([&distant_transport::tags::SET, &distant_transport::tags::SINGLE_SET]);
+    let mut tags: Vec<_> = sets.flat_map(|set| [set.basis, set.coefficients]).collect();
+    tags.push(filtered_normals::tags::FIELDS);
+    let coded = asset.sections.iter().filter(|section| tags.contains(&section.tag));
+    coded
+        .filter_map(|section| coefficients::shape(section.tag, &section.bytes).ok())
+        .map(|(rows, columns)| (rows as u64).saturating_mul(columns as u64))
+        .fold(0, u64::saturating_add)
+}
+
+/// Bytes that an evaluator takes beside its asset, where nothing else is known of its form.
+pub fn of_evaluator(asset: &Asset) -> u64 {
+    let stored = coded_numbers(asset).saturating_mul(OF_A_CODED_NUMBER).saturating_add(2 * of_sections(asset));
+    of_scene(&asset.scene)
+        .saturating_add(super::density::memory(asset.samples.len(), &asset.scene))
+        .saturating_add(stored)
+}
