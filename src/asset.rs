@@ -93,6 +93,8 @@ impl Asset {
     /// As [`Self::from_bytes`]; run time: content beyond the limit.
     pub fn from_bytes_within(bytes: &[u8], budget: format::Budget) -> Result<Self> {
         let file = format::AssetFile::from_bytes(bytes, budget).map_err(|e| refused(&e))?;
+        let mut file = file;
+        give_parts(&mut file);
         let mesh = mesh_from_file(file.mesh);
         let media: Vec<Medium> = file.parts.media.iter().map(medium_from_file).collect::<Result<_>>()?;
         let entries = file.parts.parts.iter().map(|p| (p.name.clone(), (!p.opaque).then_some(p.medium))).collect();
@@ -148,6 +150,19 @@ impl Asset {
         self.provenance.origin.mm_per_source_unit *= factor;
         Ok(self)
     }
+}
+
+/// Puts triangles that belong to no part into an opaque one: they cast shadows, and nothing else.
+fn give_parts(file: &mut format::AssetFile) {
+    let parts = &mut file.parts;
+    if !parts.triangle_part.contains(&format::NO_PART) {
+        return;
+    }
+    let own = parts.parts.len() as u32;
+    parts.triangle_part.iter_mut().filter(|part| **part == format::NO_PART).for_each(|part| *part = own);
+    parts.parts.push(format::PartRecord { name: "no part".to_owned(), opaque: true, medium: format::NO_MEDIUM });
+    let end = file.samples.part_offsets.last().copied().unwrap_or_default();
+    file.samples.part_offsets.push(end);
 }
 
 /// The error of bytes that are no asset, or one of another major version.

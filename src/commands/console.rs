@@ -189,8 +189,10 @@ impl Console {
         Ok(ExitCode::Ok)
     }
 
-    /// Refuses work that the memory limit does not allow; `advice` names the setting that would fit. The report tells what was needed.
-    pub(super) fn check_memory(&self, needed: u64, advice: &str) -> Result<()> {
+    /// Refuses work that takes `more` than the process has now, if the memory limit does not allow it; `advice` names the setting that
+    /// would fit. The report tells what was needed.
+    pub(super) fn check_memory(&self, more: u64, advice: &str) -> Result<()> {
+        let needed = resident_memory().saturating_add(more);
         let mut state = self.state();
         state.estimated_memory = state.estimated_memory.max(needed);
         drop(state);
@@ -289,6 +291,11 @@ fn available_memory() -> u64 {
         .iter()
         .find_map(|p| std::fs::read_to_string(p).ok()?.trim().parse::<u64>().ok());
     proc_bytes("/proc/meminfo", "MemAvailable:").unwrap_or(8 << 30).min(group.unwrap_or(u64::MAX))
+}
+
+/// Resident size of this process, in bytes; 0 where the system does not report it.
+pub(super) fn resident_memory() -> u64 {
+    proc_bytes("/proc/self/status", "VmRSS:").unwrap_or(0)
 }
 
 /// Largest resident size of this process so far, in bytes; 0 where the system does not report it.

@@ -6,6 +6,7 @@ use clap::Args;
 
 use super::console::Console;
 use super::many;
+use super::opening::check_file;
 use crate::error::{ExitCode, Result};
 use crate::report::inspection::{Depth, inspect};
 
@@ -23,6 +24,9 @@ pub(super) struct InspectArgs {
 pub(super) fn run(args: &InspectArgs, console: &Console) -> Result<ExitCode> {
     let depth = if args.deep { Depth::Everything } else { Depth::Directory };
     many::show("inspect", &args.assets, console, |path| {
+        if args.deep {
+            check_file(path, 3, console)?;
+        }
         Ok((inspect(path, &console.registry, depth, console.budget())?, ExitCode::Ok))
     })
 }

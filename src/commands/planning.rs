@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::baking::{BakeOptions, light_kinds};
-use super::console::{Console, Unitless, parse_size};
+use super::console::{Console, Unitless, parse_size, resident_memory};
 use crate::asset::{Asset, Provenance};
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::keys::share;
@@ -142,7 +142,11 @@ impl PlanOptions {
 /// Plans and bakes an imported model; the plan, and its asset if there is one.
 pub(super) fn bake(request: &Request, imported: Imported, console: &Console) -> Result<(Plan, Option<Asset>)> {
     let Imported { scene, origin, .. } = imported;
-    let setting = Setting { registry: &console.registry, provenance: origin.into(), max_memory: console.max_memory };
+    let setting = Setting {
+        registry: &console.registry,
+        provenance: origin.into(),
+        max_memory: console.max_memory.saturating_sub(resident_memory()),
+    };
     let Planned { mut plan, asset } = plan::bake(request, &scene, &setting, console)?;
     plan.judge_times(console.seconds());
     if let Some(default) = plan.relaxed().filter(|_| asset.is_some()) {
@@ -159,7 +163,11 @@ pub(super) fn bake(request: &Request, imported: Imported, console: &Console) -> 
 
 /// The recipe that a plan would bake first.
 pub(super) fn choose(request: &Request, scene: &Scene, origin: Provenance, console: &Console) -> Result<Recipe> {
-    let setting = Setting { registry: &console.registry, provenance: origin, max_memory: console.max_memory };
+    let setting = Setting {
+        registry: &console.registry,
+        provenance: origin,
+        max_memory: console.max_memory.saturating_sub(resident_memory()),
+    };
     let missed = || Error::new(ExitCode::QualityNotMet, "nothing that could be baked is expected to meet the request");
     plan::choose(request, scene, &setting, console)?.ok_or_else(missed)
 }

@@ -13,6 +13,7 @@ use translux_format::{Codec, FormatError, Kind, RawSection, Tag};
 use super::capabilities::Capabilities;
 use super::evaluator::Evaluator;
 use super::forecast::Forecast;
+use super::memory;
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
@@ -150,6 +151,11 @@ pub trait Form: Serialize + DeserializeOwned + Send + Sync + 'static {
     /// Memory that a bake of this scene takes, in bytes, estimated before the work.
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64;
 
+    /// Memory that the evaluator of an asset and its answer to a light take beside the asset, in bytes, estimated before the work.
+    fn run_memory(&self, asset: &Asset) -> u64 {
+        memory::of_evaluator(asset)
+    }
+
     /// What an asset of this scene is expected to cost, estimated before the work; none where nobody has found out.
     fn forecast(&self, _scene: &Scene, _settings: &BakeSettings) -> Option<Forecast> {
         None
@@ -193,6 +199,9 @@ pub trait AnyForm: Any + Send + Sync {
 
     /// See [`Form::bake_memory`].
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64;
+
+    /// See [`Form::run_memory`].
+    fn run_memory(&self, asset: &Asset) -> u64;
 
     /// See [`Form::forecast`].
     fn forecast(&self, scene: &Scene, settings: &BakeSettings) -> Option<Forecast>;
@@ -239,6 +248,10 @@ impl<F: Form> AnyForm for F {
 
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
         Form::bake_memory(self, scene, settings)
+    }
+
+    fn run_memory(&self, asset: &Asset) -> u64 {
+        Form::run_memory(self, asset)
     }
 
     fn forecast(&self, scene: &Scene, settings: &BakeSettings) -> Option<Forecast> {

@@ -11,6 +11,7 @@ pub(crate) mod forward;
 pub mod inter_reflection;
 pub mod keys;
 pub mod measured;
+pub mod memory;
 pub mod method;
 mod model_error;
 pub mod sampling_error;

@@ -8,7 +8,6 @@ pub mod environment_rows;
 pub mod factored;
 pub mod filtered_normals;
 pub mod gathered;
-pub mod memory;
 pub mod projected;
 pub mod rows;
 pub mod sampled_scene;

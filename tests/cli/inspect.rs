@@ -12,7 +12,7 @@ fn assets() -> (Folder, Vec<String>) {
     let mut names = Vec::new();
     for (method, rest) in [
         ("two_pass", ""),
-        ("two_pass", "--model calibrated --photons 2000"),
+        ("two_pass", "--model calibrated --photons 2048"),
         ("editable", ""),
         ("editable", "--set transport=stored"),
         ("editable", "--for-lights directional"),

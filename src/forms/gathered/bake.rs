@@ -15,6 +15,7 @@ use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::evaluate::form::{read_error, write_error};
 use crate::evaluate::inter_reflection::{self, Outside};
+use crate::evaluate::memory;
 use crate::evaluate::single_scattering::Traced;
 use crate::evaluate::stages::{of_kinds, spread};
 use crate::evaluate::{
@@ -87,6 +88,11 @@ impl Form for Gathered {
         let source_fields = environment_rows::source_fields(has);
         let profile = if has(calibration::tags::NUMBERS) { ProfileEdit::Calibrated } else { ProfileEdit::Any };
         Some(Capabilities { material: MaterialEdit::Any, profile, source_fields })
+    }
+
+    fn run_memory(&self, asset: &Asset) -> u64 {
+        let nets = self.nets.map_or(0, |_| (asset.samples.len() + asset.scene.mesh.local_mm.len()) as u64);
+        memory::of_evaluator(asset) + nets * BYTES_OF_A_POINT
     }
 
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {

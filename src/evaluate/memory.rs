@@ -11,6 +11,9 @@ const OF_A_VERTEX: u64 = 160;
 /// Bytes of a triangle beside its corners: hierarchy of the occluders, part, material.
 const OF_A_TRIANGLE: u64 = 220;
 
+/// Bytes of a surface sample: patch, facets, tree, light.
+const OF_A_SAMPLE: u64 = 260;
+
 /// Bytes of a number of a coded matrix: decoded, predicted, and as it is evaluated.
 const OF_A_CODED_NUMBER: u64 = 11;
 
@@ -40,8 +43,7 @@ fn coded_numbers(asset: &Asset) -> u64 {
 
 /// Bytes that an evaluator takes beside its asset, where nothing else is known of its form.
 pub fn of_evaluator(asset: &Asset) -> u64 {
-    let stored = coded_numbers(asset).saturating_mul(OF_A_CODED_NUMBER).saturating_add(2 * of_sections(asset));
-    of_scene(&asset.scene)
-        .saturating_add(super::density::memory(asset.samples.len(), &asset.scene))
-        .saturating_add(stored)
+    // What is claimed and not there may be anything.
+    let stored = coded_numbers(asset).min(1 << 50) * OF_A_CODED_NUMBER + 2 * of_sections(asset);
+    of_scene(&asset.scene) + asset.samples.len() as u64 * OF_A_SAMPLE + stored
 }

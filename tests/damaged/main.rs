@@ -1,7 +1,7 @@
 //! Assets whose checksums are right and whose contents are not: whatever they hold, commands answer with a result that is finite
 //! or with an error, and nothing that validates fails to be evaluated.
 //!
-//! `TRANSLUX_MUTATIONS=1000000 cargo test --release --test hostile -- --nocapture` tries as many as it is told, over all recipes;
+//! `TRANSLUX_MUTATIONS=1000000 cargo test --release --test damaged -- --nocapture` tries as many as it is told, over all recipes;
 //! `TRANSLUX_FIRST=N` starts at another number. A failure names the number that makes it again.
 #![allow(clippy::unwrap_used, missing_docs)]
 
@@ -63,11 +63,7 @@ const RECIPES: [(&str, &[(&str, &str)], bool); 13] = [
     ("all_frequency", &[("basis", "haar"), ("coefficients", "8"), ("single-scattering", "isotropic")], false),
     ("all_frequency", &[("coefficients", "9"), ("single-scattering", "phase"), ("phase-terms", "4")], false),
     ("all_frequency", &[("coefficients", "9"), ("inter-reflection", "once"), ("inter-reflection-rays", "8")], true),
-    (
-        "texture_space",
-        &[("resolution", "16"), ("rings", "2"), ("of-ring", "2"), ("directions", "4"), ("area-side", "1")],
-        false,
-    ),
+    ("texture_space", &[("resolution", "16"), ("directions", "4"), ("area-side", "1")], false),
     ("filtered_normals", &[("rungs", "2")], false),
 ];
 
@@ -98,13 +94,15 @@ fn scene() -> Scene {
 fn assets(registry: &Registry) -> Vec<Vec<RawSection>> {
     let scene = scene();
     let bake = |&(name, set, calibrated): &(&str, &[(&str, &str)], bool)| {
+        let began = Instant::now();
         let method = registry.method(name).unwrap();
         let probes = probes::for_bake(&scene.mesh);
-        let walks = Walks { photons: 2000, ..Walks::default() };
+        let walks = Walks { photons: 2048, ..Walks::default() };
         let model = if calibrated { Model::Calibrated(walks) } else { Model::Dipole };
         let settings = BakeSettings { samples: Some(160), probes, model, ..BakeSettings::new(0.1) };
         let keys: Vec<(String, String)> = set.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect();
         let asset = method.recipe(&keys, settings).unwrap().bake(scene.clone(), Default::default(), &Silent);
+        println!("{name}: {:?}", began.elapsed());
         sections_of(&asset.unwrap_or_else(|e| panic!("{name}: {e}")).to_bytes().unwrap())
     };
     RECIPES.iter().map(bake).collect()
