@@ -89,10 +89,11 @@ pub(super) fn run(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
     let (mut asset, plan) = match what {
         What::Named(recipe) => (Some(baking::bake(recipe, imported, console)?), None),
         What::Planned(wanted) => {
-            let (plan, asset) = planning::bake(&wanted, imported, console)?;
+            let (plan, asset) = planning::bake(&wanted, imported, request.clone(), console)?;
             (asset, Some(plan))
         }
     };
+    // A plan's asset has it already, whose size is part of the plan.
     if let Some(asset) = &mut asset {
         asset.provenance.settings.insert(REQUEST.to_owned(), request);
     }

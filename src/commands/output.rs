@@ -35,9 +35,14 @@ pub(super) fn check(outputs: &[PathBuf], suffixes: &[&str], console: &Console) -
             let message = format!("-o {}: there is no folder {}", path.display(), folder.display());
             return Err(Error::new(ExitCode::Io, message).of_file(path));
         }
-        atomic::probe(path).map_err(|e| e.at("-o"))?;
+        probe("-o", path)?;
     }
     Ok(())
+}
+
+/// Tries whether a file can be written that an option names, before the work that fills it.
+pub(super) fn probe(option: &str, path: &Path) -> Result<()> {
+    atomic::probe(path).map_err(|e| Error::new(e.code(), format!("{option} {}", e.message())).of_file(path))
 }
 
 /// Writes the same bytes to every output; without outputs the bytes are not made.

@@ -6,7 +6,8 @@ use clap::{Args, ValueEnum};
 
 use super::baking::{BakeOptions, light_kinds};
 use super::console::{Console, Unitless, parse_size, resident_memory};
-use crate::asset::{Asset, Provenance};
+use super::output::probe;
+use crate::asset::{Asset, Provenance, REQUEST};
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::keys::share;
 use crate::evaluate::{Model, Recipe};
@@ -128,7 +129,7 @@ impl PlanOptions {
         if path == asset {
             return Err(Error::command_line(format!("--report {}: that is the asset", path.display())));
         }
-        atomic::probe(path).map_err(|e| e.at("--report"))
+        probe("--report", path)
     }
 
     /// Writes the plan where it is asked for.
@@ -140,11 +141,18 @@ impl PlanOptions {
 }
 
 /// Plans and bakes an imported model; the plan, and its asset if there is one.
-pub(super) fn bake(request: &Request, imported: Imported, console: &Console) -> Result<(Plan, Option<Asset>)> {
+pub(super) fn bake(
+    request: &Request,
+    imported: Imported,
+    hash: String,
+    console: &Console,
+) -> Result<(Plan, Option<Asset>)> {
     let Imported { scene, origin, .. } = imported;
+    let mut provenance = Provenance::from(origin);
+    provenance.settings.insert(REQUEST.to_owned(), hash);
     let setting = Setting {
         registry: &console.registry,
-        provenance: origin.into(),
+        provenance,
         max_memory: console.max_memory.saturating_sub(resident_memory()),
     };
     let Planned { mut plan, asset } = plan::bake(request, &scene, &setting, console)?;

@@ -8,6 +8,7 @@ use translux_format::{Excerpt, metadata};
 
 use super::console::Console;
 use super::model::ModelArgs;
+use super::output::probe;
 use crate::asset::{ALGORITHM_REVISION, REQUEST, provenance_from_file};
 use crate::error::{Error, Result};
 use crate::import::dependencies;
@@ -50,7 +51,7 @@ impl BuildOptions {
         if path == asset || path == Path::new("-") {
             return Err(Error::command_line(format!("--depfile {}: a file of its own is needed", path.display())));
         }
-        atomic::probe(path).map_err(|e| e.at("--depfile"))
+        probe("--depfile", path)
     }
 
     /// Writes the depfile where it is asked for.

@@ -147,7 +147,7 @@ impl Recipe {
     pub fn bake(&self, scene: Scene, mut provenance: Provenance, progress: &dyn Progress) -> Result<Asset> {
         let parts = self.form.bake(&scene, &self.settings.with_probes_of_kinds(), progress)?;
         provenance.method = self.method.to_owned();
-        provenance.settings = self.texts.clone();
+        provenance.settings.extend(self.texts.clone());
         let kinds: Vec<&str> = self.settings.for_lights.iter().map(|kind| kind.name()).collect();
         provenance.settings.extend([
             ("max-rms".to_owned(), self.settings.max_rms.to_string()),

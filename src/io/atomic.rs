@@ -39,7 +39,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     remove_stale(folder);
     // Listed before anybody else can look: an interrupt between the two would leave the file.
     let mut unfinished = lock();
-    let mut file = temporary(folder).map_err(fail)?;
+    let mut file = temporary(folder).map_err(plain).map_err(fail)?;
     let temporary = file.path().to_path_buf();
     unfinished.push(temporary.clone());
     drop(unfinished);
@@ -72,7 +72,15 @@ pub fn probe(path: &Path) -> Result<()> {
     let unfinished = lock();
     let made = temporary(folder).map(drop);
     drop(unfinished);
-    made.map_err(|e| Error::io(path, &e))
+    made.map_err(|e| Error::io(path, &plain(e)))
+}
+
+/// An error without the name of the temporary file.
+fn plain(error: std::io::Error) -> std::io::Error {
+    match error.get_ref().and_then(|inner| inner.source()).map(ToString::to_string) {
+        Some(text) => std::io::Error::new(error.kind(), text),
+        None => error,
+    }
 }
 
 /// The file that a name stands for, links followed.

@@ -8,7 +8,7 @@ const BAKE: &str = "bake ball.obj --unit mm --material jade.toml --samples 150 -
 
 fn folder() -> Folder {
     let folder = Folder::new();
-    folder.obj("ball.obj", &shapes::icosphere(8.0, 1));
+    folder.obj("ball.obj", &shapes::icosphere(1.5, 2));
     folder.write(
         "jade.toml",
         "sigma_s_reduced_per_mm = [1.0, 1.2, 1.4]\nsigma_a_per_mm = [0.01, 0.02, 0.03]\neta = 1.4\n",
