@@ -172,7 +172,9 @@ fn finish(
 /// The verdict on an asset: with `--strict` that of `validate --strict`, else a warning where its errors are too large.
 fn judged(args: &BakeArgs, bytes: &[u8], asset: &Asset, console: &Console) -> Result<ExitCode> {
     if console.global.strict {
-        let found = examine(&args.output, bytes, (&console.registry, console.budget()), console);
+        let found = console.with_limits("raise --max-memory, or leave --strict out", |limits| {
+            examine(&args.output, bytes, (&console.registry, limits), console)
+        })?;
         let messages: Vec<&str> = found.findings.iter().map(|finding| finding.message.as_str()).collect();
         return match messages.as_slice() {
             [] => Ok(ExitCode::Ok),

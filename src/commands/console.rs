@@ -14,6 +14,7 @@ use translux_format::Budget;
 
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Registry;
+use crate::evaluate::memory::Limits;
 use crate::math::simd::InstructionSet;
 use crate::progress::{Progress, stage};
 use crate::report::text::{megabytes, percent};
@@ -93,6 +94,11 @@ impl Console {
     /// Limit on what is decoded from a file.
     pub(super) fn budget(&self) -> Budget {
         Budget::bytes(self.max_memory)
+    }
+
+    /// Calls `work` with the limits on the memory of opening an asset; `advice` as in [`Self::check_memory`].
+    pub(super) fn with_limits<T>(&self, advice: &str, work: impl FnOnce(Limits<'_>) -> Result<T>) -> Result<T> {
+        work(Limits { budget: self.budget(), admit: &|more| self.check_memory(more, advice) })
     }
 
     fn state(&self) -> std::sync::MutexGuard<'_, State> {

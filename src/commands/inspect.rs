@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::console::Console;
 use super::many;
-use super::opening::check_file;
+use super::opening::{FEWER, check_file};
 use crate::error::{ExitCode, Result};
 use crate::report::inspection::{Depth, inspect};
 
@@ -27,6 +27,7 @@ pub(super) fn run(args: &InspectArgs, console: &Console) -> Result<ExitCode> {
         if args.deep {
             check_file(path, 3, console)?;
         }
-        Ok((inspect(path, &console.registry, depth, console.budget())?, ExitCode::Ok))
+        let found = console.with_limits(FEWER, |limits| inspect(path, &console.registry, depth, limits))?;
+        Ok((found, ExitCode::Ok))
     })
 }

@@ -47,7 +47,7 @@ pub(super) fn baked(asset: Asset, console: &Console) -> Result<Box<dyn Evaluator
 }
 
 /// What to do where the memory limit does not allow an asset.
-const FEWER: &str = "raise --max-memory, or bake a smaller asset";
+pub(super) const FEWER: &str = "raise --max-memory, or bake a smaller asset";
 
 /// Refuses a file whose content would take more memory than is allowed, before it is read: `copies` of what is decoded beside its bytes.
 /// What is no asset is told by whoever reads it.

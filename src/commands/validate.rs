@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::console::Console;
 use super::many;
-use super::opening::check_file;
+use super::opening::{FEWER, check_file};
 use crate::error::{ExitCode, Result};
 use crate::report::validation::{catalogue, validate};
 
@@ -22,7 +22,7 @@ pub(super) fn run(args: &ValidateArgs, console: &Console) -> Result<ExitCode> {
     many::show("validate", &args.assets, console, |path| {
         // What was scanned, and sections as they are evaluated.
         check_file(path, 3, console)?;
-        let result = validate(path, &console.registry, console.budget(), console)?;
+        let result = console.with_limits(FEWER, |limits| validate(path, &console.registry, limits, console))?;
         let code = match (result.errors, result.finding_warnings, console.global.strict) {
             (1.., _, _) => ExitCode::InvalidInput,
             (_, 1.., true) => ExitCode::QualityNotMet,

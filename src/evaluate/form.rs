@@ -13,6 +13,7 @@ use translux_format::{Codec, FormatError, Kind, RawSection, Tag};
 use super::capabilities::Capabilities;
 use super::evaluator::Evaluator;
 use super::forecast::Forecast;
+use super::guarded::Guarded;
 use super::memory;
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
@@ -263,7 +264,7 @@ impl<F: Form> AnyForm for F {
     }
 
     fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
-        Form::open(self, asset)
+        Form::open(self, asset).map(Guarded::of)
     }
 }
 

@@ -1,9 +1,26 @@
 //! Memory that an opened asset takes, told by its arrays before they are decoded.
 
-use translux_format::{coefficients, distant_transport, filtered_normals, quantised_lights};
+use translux_format::{Budget, coefficients, distant_transport, filtered_normals, quantised_lights};
 
 use crate::asset::Asset;
+use crate::error::Result;
 use crate::scene::Scene;
+
+/// Limits on the memory that opening an asset may take.
+#[derive(Clone, Copy)]
+pub struct Limits<'a> {
+    /// Limit on what is decoded from the file.
+    pub budget: Budget,
+    /// Refuses an evaluator that takes so many bytes more than the process has.
+    pub admit: &'a dyn Fn(u64) -> Result<()>,
+}
+
+impl Limits<'static> {
+    /// Those of a reader that nobody has told anything: any evaluator of content up to 2 GiB.
+    pub fn none() -> Self {
+        Self { budget: Budget::default(), admit: &|_| Ok(()) }
+    }
+}
 
 /// Bytes of a vertex beside its position: receiver, area, normal, radiosity twice.
 const OF_A_VERTEX: u64 = 160;

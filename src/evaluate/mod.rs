@@ -8,6 +8,7 @@ pub mod exitance;
 pub mod forecast;
 pub mod form;
 pub(crate) mod forward;
+mod guarded;
 pub mod inter_reflection;
 pub mod keys;
 pub mod measured;

@@ -10,7 +10,7 @@ use translux_format::far_field::{self, FarField, Shape};
 use translux_format::profile_basis::{self, ProfileBasis};
 use translux_format::rows::{self, IrradianceRows};
 use translux_format::{
-    Budget, COMMON_TAGS, FormatError, Scan, Tag, VERSION_MAJOR, VERSION_MINOR, atlas, calibration, distant_transport,
+    COMMON_TAGS, FormatError, Scan, Tag, VERSION_MAJOR, VERSION_MINOR, atlas, calibration, distant_transport,
     filtered_normals, mesh, metadata, multilevel, parts, quantised_lights, quantised_values, samples, scattering_lists,
     texture_space,
 };
@@ -19,13 +19,18 @@ use super::inspection::PLAN;
 use super::text::percent;
 use crate::asset::{ALGORITHM_REVISION, Asset, REQUEST, entry_from_file};
 use crate::compress::ledger::Ledger;
-use crate::evaluate::Registry;
+use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::keys::share;
+use crate::evaluate::memory::Limits;
+use crate::evaluate::{AnyForm, Evaluator, Registry};
 use crate::geometry::mesh::Mesh;
 use crate::geometry::parts::inconsistent_edges;
 use crate::geometry::samples::{Facet, area};
 use crate::import::FAULT_NOTE;
+use crate::light::Light;
+use crate::measure::probes::{Half, constant, directional, points};
 use crate::medium::entrance_basis::EntranceBasis;
+use crate::progress::Silent;
 
 /// Severity of a finding: whether the asset can be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -371,7 +376,7 @@ fn of_method(provenance: &translux_format::Provenance, registry: &Registry) -> V
 ///
 /// # Errors
 /// The faults for which sections are refused.
-pub fn of_method_sections(scan: &Scan) -> Result<Vec<Finding>, Vec<FormatError>> {
+pub fn of_method_sections(scan: &Scan) -> std::result::Result<Vec<Finding>, Vec<FormatError>> {
     // A section that does not decode has been found already; the others would be blamed for missing it.
     let damaged: Vec<_> = scan.errors.iter().filter_map(FormatError::tag).collect();
     let intact = |tags: &[Tag]| !tags.iter().any(|tag| damaged.contains(tag));
@@ -416,22 +421,53 @@ pub fn of_method_sections(scan: &Scan) -> Result<Vec<Finding>, Vec<FormatError>>
 
 /// Opens an asset without other findings, as every command does; returns a finding if that fails or the ledger is
 /// empty.
+///
+/// # Errors
+/// Run time: an evaluator that the limits do not admit.
 pub fn of_opening(
     provenance: &translux_format::Provenance,
     bytes: &[u8],
-    (registry, budget): (&Registry, Budget),
-) -> Option<Finding> {
-    let method = registry.method(&provenance.method).ok()?;
-    let opened = Asset::from_bytes_within(bytes, budget).and_then(|asset| {
-        // What stores no transport has lost nothing before it is evaluated.
-        let untold = asset.ledger.entries.is_empty() && registry.form(&asset)?.holds_transport();
-        registry.open(Arc::new(asset)).map(|_| untold)
-    });
-    match opened {
-        Err(refused) => Some(Finding::new(&REFUSED, None, format!("method {}: {refused}", method.name()))),
-        Ok(true) => Some(Finding::new(&NO_LEDGER, Some(metadata::tags::LEDGER), "the ledger is empty".to_owned())),
-        Ok(false) => None,
+    (registry, limits): (&Registry, Limits<'_>),
+) -> Result<Option<Finding>> {
+    let Ok(method) = registry.method(&provenance.method) else { return Ok(None) };
+    let refused = |e: Error| Finding::new(&REFUSED, None, format!("method {}: {e}", method.name()));
+    let read = Asset::from_bytes_within(bytes, limits.budget).and_then(|asset| Ok((registry.form(&asset)?, asset)));
+    let (form, asset) = match read {
+        Ok(read) => read,
+        Err(error) => return Ok(Some(refused(error))),
+    };
+    (limits.admit)(form.run_memory(&asset))?;
+    // What stores no transport has lost nothing before it is evaluated.
+    let untold = asset.ledger.entries.is_empty() && form.holds_transport();
+    Ok(match form.open(Arc::new(asset)).and_then(|evaluator| lit(form.as_ref(), evaluator)) {
+        Err(error) => Some(refused(error)),
+        Ok(()) if untold => {
+            Some(Finding::new(&NO_LEDGER, Some(metadata::tags::LEDGER), "the ledger is empty".to_owned()))
+        }
+        Ok(()) => None,
+    })
+}
+
+/// Puts stored transport under a light of each kind that it serves: what it holds must not be more than light could bring.
+fn lit(form: &dyn AnyForm, mut evaluator: Box<dyn Evaluator>) -> Result<()> {
+    if !form.holds_transport() {
+        return Ok(());
     }
+    let mesh = &evaluator.scene().mesh;
+    let point = points(mesh, Half::Figures).into_iter().take(1);
+    let lights: Vec<Light> = directional(Half::Figures).into_iter().take(1).chain(point).chain([constant()]).collect();
+    for light in lights.into_iter().filter(|light| form.kinds().contains(&light.kind())) {
+        match evaluator.set_lights(vec![light], &Silent) {
+            // Of some kinds only those that the bake was told of.
+            Err(error) if error.code() == ExitCode::Unsupported => {}
+            Err(error) => return Err(error),
+            Ok(()) => {
+                evaluator.radiosity(&Silent)?;
+                evaluator.single_scattering(&Silent)?;
+            }
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]

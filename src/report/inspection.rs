@@ -15,7 +15,8 @@ use super::text::{megabytes, percent, titled};
 use crate::asset::{self, Asset, Provenance};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, ExitCode, Result};
-use crate::evaluate::{Capabilities, Cost, MaterialEdit, ProfileEdit, Registry, SourceFields};
+use crate::evaluate::memory::Limits;
+use crate::evaluate::{AnyForm, Capabilities, Cost, MaterialEdit, ProfileEdit, Registry, SourceFields};
 use crate::geometry::part_table::PartEntry;
 use crate::medium::material::Medium;
 
@@ -83,10 +84,10 @@ pub enum Depth {
 ///
 /// # Errors
 /// I/O, bytes that are no asset, more of them than the budget allows, and errors of its form.
-pub fn inspect(path: &Path, registry: &Registry, depth: Depth, budget: Budget) -> Result<Inspection> {
+pub fn inspect(path: &Path, registry: &Registry, depth: Depth, limits: Limits<'_>) -> Result<Inspection> {
     let inspection = match depth {
-        Depth::Directory => of_directory(path, registry, budget),
-        Depth::Everything => of_everything(path, registry, budget),
+        Depth::Directory => of_directory(path, registry, limits.budget),
+        Depth::Everything => of_everything(path, registry, limits),
     };
     inspection.map_err(|e| if e.code() == ExitCode::Io { e } else { e.in_file(path) })
 }
@@ -171,13 +172,17 @@ fn parts_of_records(reader: &Reader<'_>, media: &[Medium]) -> translux_format::R
     Ok(records.into_iter().enumerate().map(row).collect())
 }
 
-fn of_everything(path: &Path, registry: &Registry, budget: Budget) -> Result<Inspection> {
+fn of_everything(path: &Path, registry: &Registry, Limits { budget, admit }: Limits<'_>) -> Result<Inspection> {
     let bytes = std::fs::read(path).map_err(|e| Error::io(path, &e))?;
     let asset = Arc::new(Asset::from_bytes_within(&bytes, budget)?);
     let reader = Reader::parse(&bytes, budget).map_err(|e| asset::refused(&e))?;
     let sizes = of_sections(bytes.len() as u64, reader.sections());
     drop(bytes);
-    let evaluator = registry.form(&asset).ok().map(|form| form.open(Arc::clone(&asset))).transpose()?;
+    let open = |form: Box<dyn AnyForm>| {
+        admit(form.run_memory(&asset))?;
+        form.open(Arc::clone(&asset))
+    };
+    let evaluator = registry.form(&asset).ok().map(open).transpose()?;
     let vertices = asset.scene.mesh.local_mm.len();
     let cost = evaluator.as_ref().map(|e| e.cost());
     Ok(Inspection {

@@ -9,12 +9,12 @@
 //! # fn main() -> translux::error::Result<()> {
 //! let registry = translux::methods::built_in();
 //! let (asset, other) = (Path::new("head.tlux"), Path::new("before.tlux"));
-//! let budget = translux_format::Budget::default();
-//! println!("{}", inspection::inspect(asset, &registry, inspection::Depth::Directory, budget)?);
-//! assert_eq!(validation::validate(asset, &registry, budget, &Silent)?.errors, 0);
+//! let limits = translux::evaluate::memory::Limits::none();
+//! println!("{}", inspection::inspect(asset, &registry, inspection::Depth::Directory, limits)?);
+//! assert_eq!(validation::validate(asset, &registry, limits, &Silent)?.errors, 0);
 //! let open = |asset: &Arc<_>, _: &Path| registry.open(Arc::clone(asset));
 //! let metric = comparison::Metric::Rms;
-//! assert!(!comparison::compare([asset, other], metric, Some(0.01), (&open, budget), &Silent)?.differs());
+//! assert!(!comparison::compare([asset, other], metric, Some(0.01), (&open, limits.budget), &Silent)?.differs());
 //! # Ok(())
 //! # }
 //! ```

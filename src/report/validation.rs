@@ -4,12 +4,13 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
-use translux_format::{Budget, FormatError, Scan};
+use translux_format::{FormatError, Scan};
 
 use super::findings::{self, CATALOGUE, Finding, Severity};
 use super::text::table;
 use crate::error::{Error, Result};
 use crate::evaluate::Registry;
+use crate::evaluate::memory::Limits;
 use crate::progress::{Progress, stage};
 
 /// The findings about an asset.
@@ -36,24 +37,27 @@ pub struct Validation {
 ///
 /// # Errors
 /// I/O; anything else that is wrong is a finding.
-pub fn validate(path: &Path, registry: &Registry, budget: Budget, progress: &dyn Progress) -> Result<Validation> {
+pub fn validate(path: &Path, registry: &Registry, limits: Limits<'_>, progress: &dyn Progress) -> Result<Validation> {
     let bytes = std::fs::read(path).map_err(|e| Error::io(path, &e))?;
-    Ok(examine(path, &bytes, (registry, budget), progress))
+    examine(path, &bytes, (registry, limits), progress)
 }
 
 /// Validates the bytes of a file; the path is for the report.
+///
+/// # Errors
+/// Run time: an evaluator that the limits do not admit.
 pub fn examine(
     path: &Path,
     bytes: &[u8],
-    (registry, budget): (&Registry, Budget),
+    (registry, limits): (&Registry, Limits<'_>),
     progress: &dyn Progress,
-) -> Validation {
-    let scan = stage(progress, "read", || translux_format::scan(bytes, budget));
+) -> Result<Validation> {
+    let scan = stage(progress, "read", || translux_format::scan(bytes, limits.budget));
     let format_version = scan.version.map(|(major, minor)| format!("{major}.{minor}"));
     let sections = scan.sections.len();
-    let findings = stage(progress, "check", || find(scan, bytes, (registry, budget)));
+    let findings = stage(progress, "check", || find(scan, bytes, (registry, limits)))?;
     let count = |severity| findings.iter().filter(|finding| finding.severity == severity).count();
-    Validation {
+    Ok(Validation {
         asset: path.to_owned(),
         bytes: bytes.len(),
         format_version,
@@ -61,10 +65,10 @@ pub fn examine(
         errors: count(Severity::Error),
         finding_warnings: count(Severity::Warning),
         findings,
-    }
+    })
 }
 
-fn find(scan: Scan, bytes: &[u8], (registry, budget): (&Registry, Budget)) -> Vec<Finding> {
+fn find(scan: Scan, bytes: &[u8], (registry, limits): (&Registry, Limits<'_>)) -> Result<Vec<Finding>> {
     let mut out: Vec<Finding> = scan.errors.iter().map(Finding::of_format).collect();
     out.extend(findings::of_version(&scan, registry));
     out.extend(findings::of_geometry(&scan, registry));
@@ -75,8 +79,10 @@ fn find(scan: Scan, bytes: &[u8], (registry, budget): (&Registry, Budget)) -> Ve
     }
     // What was scanned goes before the asset is decoded once more.
     let provenance = scan.provenance.filter(|_| !out.iter().any(|finding| finding.severity == Severity::Error));
-    out.extend(provenance.and_then(|provenance| findings::of_opening(&provenance, bytes, (registry, budget))));
-    out
+    if let Some(provenance) = provenance {
+        out.extend(findings::of_opening(&provenance, bytes, (registry, limits))?);
+    }
+    Ok(out)
 }
 
 /// The catalogue of findings as text.

@@ -33,7 +33,7 @@ use crate::transport::irradiance::LightSampling;
 
 /// Bytes that a receiver's coefficients take while they are made, before quantisation, at an error of 1 %; about in
 /// proportion to its inverse.
-const BYTES_PER_RECEIVER: f64 = 24_000.0;
+const BYTES_PER_RECEIVER: f64 = 32_000.0;
 
 impl Form for Factored {
     const NAME: &'static str = "factored";
