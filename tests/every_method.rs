@@ -31,8 +31,8 @@ use translux::progress::Silent;
 use translux::scene::Scene;
 
 /// Samples of the methods and of the truth: few, so that the tests are short. The promises say what that costs.
-const SAMPLES: usize = 8000;
-const TRUTH_SAMPLES: usize = 24_000;
+const SAMPLES: usize = 5000;
+const TRUTH_SAMPLES: usize = 15_000;
 
 /// A promise is measured on some vertices; others may fare this much worse.
 const SLACK: f64 = 1.25;
@@ -239,7 +239,7 @@ fn compare_with_reference(scene: &Scene, mut open: impl FnMut(&dyn Method) -> Bo
 
 #[test]
 fn radiosity_is_that_of_the_reference() {
-    let scene = head(3, "marble");
+    let scene = head(2, "marble");
     compare_with_reference(&scene, |method| baked(method, &scene, SAMPLES));
 }
 
@@ -485,7 +485,7 @@ fn threads_do_not_change_a_bit() {
         let run = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
-                let asset = asset(method, &scene, 1500);
+                let asset = asset(method, &scene, 700);
                 let mut evaluator = reopened(&asset);
                 let values: Vec<_> = lights.iter().map(|l| lit(evaluator.as_mut(), vec![l.clone()])).collect();
                 (asset.to_bytes().unwrap(), values, promise(evaluator.as_mut()).to_bits())

@@ -10,6 +10,7 @@ pub mod filtered_normals;
 pub mod gathered;
 pub mod projected;
 pub mod rows;
+pub mod sample_count;
 pub mod sampled_scene;
 pub mod single_scattering;
 #[cfg(test)]

@@ -6,7 +6,9 @@ use std::sync::Arc;
 use glam::DVec3;
 use translux_format::RawSection;
 
+use super::density::Density;
 use super::gathered::model;
+use super::sample_count::samples_for;
 use crate::error::Result;
 use crate::evaluate::{BakeSettings, Model};
 use crate::geometry::bvh::Bvh;
@@ -88,6 +90,14 @@ impl<'a> SampledScene<'a> {
         let areas = receivers.areas_mm2(&scene.mesh);
         let points = oriented(scene, &receivers);
         Self { scene, bvh, samples, patches, tree, receivers, areas, points, sampling: SAMPLING, model: None }
+    }
+
+    /// A scene with as many samples as are asked for, or as the asked error needs.
+    ///
+    /// # Errors
+    /// As [`samples_for`].
+    pub fn with_density(scene: &'a Scene, density: Density, settings: &BakeSettings) -> Result<Self> {
+        Ok(Self::new(scene, samples_for(scene, (density, SAMPLING), settings, &[])?))
     }
 
     /// The same with the kernels of a bake, which hold some orders; where these are calibrated also the sections that say so.

@@ -6,7 +6,7 @@ use serde_json::Value;
 use translux::geometry::shapes;
 use translux::io::png::decode_png;
 
-const LINE: &str = "chart head.obj --size-mm 20 --material skin1 --quick --methods two_pass,reference --reference-samples 6000 \
+const LINE: &str = "chart head.obj --size-mm 20 --material skin1 --quick --methods two_pass,editable --reference-samples 6000 \
                     --light directional:from=1,2,3:irradiance=3 --light point:at=0,15,30:intensity=900 -o out";
 
 fn head() -> Folder {
@@ -36,7 +36,7 @@ fn every_row_is_measured_and_says_how_to_make_it_again(folder: &Folder, report: 
     let rows = chart["rows"].as_array().unwrap();
     let names: Vec<(&str, &str)> =
         rows.iter().map(|r| (r["method"].as_str().unwrap(), r["setting"].as_str().unwrap())).collect();
-    assert_eq!((names.len(), names[0], names[2]), (4, ("two_pass", ""), ("reference", "")));
+    assert_eq!((names.len(), names[0], names[2]), (4, ("two_pass", ""), ("editable", "")));
     for row in rows {
         let positive = ["vertices", "samples", "bake_seconds", "peak_memory_bytes", "file_bytes", "bytes_per_vertex"];
         for key in positive.into_iter().chain(["resident_bytes_per_vertex", "open_ms"]) {

@@ -303,7 +303,7 @@ fn pictures_are_compared() {
 #[test]
 fn a_few_walks_bring_the_dipole_nearer_to_the_volume() {
     let folder = Folder::new();
-    folder.obj("head.obj", &shapes::bumpy_head(20.0, 3)).obj("sheet.obj", &shapes::plane(10.0, 10.0, 4));
+    folder.obj("head.obj", &shapes::bumpy_head(20.0, 2)).obj("sheet.obj", &shapes::plane(10.0, 10.0, 4));
     let run = |model: &str, rest: &str| {
         let light = "--light directional:from=0.6,0.7,0.3:irradiance=1";
         folder.run(&format!("reference {model} --unit mm --material skin1 {light} {rest} -o b.ply"))
@@ -312,7 +312,7 @@ fn a_few_walks_bring_the_dipole_nearer_to_the_volume() {
         run("head.obj", rest).ok();
         folder.radiosity("b.ply")
     };
-    let volume = values("--model monte-carlo --photons 400000");
+    let volume = values("--model monte-carlo --photons 120000");
     let dipole = relative_difference(&values("--no-measure --samples 4000"), &volume);
     let walks = "--model calibrated --photons 40000 --samples 4000";
     let exact = values(&format!("{walks} --no-measure"));
@@ -350,7 +350,7 @@ fn files_of_two_models_are_compared_with_a_warning() {
 fn stored_transport_holds_the_calibrated_model_and_is_measured_against_it() {
     let folder = Folder::new();
     folder.obj("head.obj", &shapes::bumpy_head(20.0, 3));
-    let walks = "--model calibrated --photons 30000 --samples 4000";
+    let walks = "--model calibrated --photons 8192 --samples 4000";
     let light = "--light directional:from=0.6,0.7,0.3:irradiance=1 --light constant:radiance=0.2";
     let reference = |rest: &str| {
         let command = format!("reference head.obj --unit mm --material skin1 --no-measure {light} -o r.ply {rest}");
@@ -377,7 +377,7 @@ fn stored_transport_holds_the_calibrated_model_and_is_measured_against_it() {
 fn an_asset_keeps_its_calibration_and_makes_it_again_for_another_material_and_size() {
     let folder = Folder::new();
     folder.obj("head.obj", &shapes::bumpy_head(20.0, 3));
-    let walks = "--model calibrated --photons 30000 --samples 4000";
+    let walks = "--model calibrated --photons 8192 --samples 4000";
     let bake = |asset: &str, rest: &str| {
         folder.run(&format!("bake head.obj -o {asset} {walks} --for-lights constant,directional {rest}"))
     };

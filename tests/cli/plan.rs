@@ -66,11 +66,9 @@ fn a_bake_without_a_method_meets_its_request_and_says_how_it_chose() {
     folder.run("validate a.tlux").ok();
 
     // No clock decides: other threads, the same bytes and the same plan.
-    for threads in [1, 3] {
-        folder.run(&format!("--threads {threads} {bake} -o b.tlux --report b.json -q")).ok();
-        assert!(folder.read("b.tlux") == folder.read("a.tlux"), "{threads} threads");
-        assert_eq!(plan(&folder, "b.json"), made);
-    }
+    folder.run(&format!("--threads 3 {bake} -o b.tlux --report b.json -q")).ok();
+    assert!(folder.read("b.tlux") == folder.read("a.tlux"), "3 threads");
+    assert_eq!(plan(&folder, "b.json"), made);
 }
 
 #[test]

@@ -69,7 +69,7 @@ fn few_samples() {
 
 #[test]
 fn a_huge_object_and_tiny_ones() {
-    for (size_mm, material) in [(1800.0, "marble"), (0.1, "spectralon"), (1e-4, "ketchup"), (1e6, "cream")] {
+    for (size_mm, material) in [(1800.0, "marble"), (1e-4, "ketchup"), (1e6, "cream")] {
         let scene = scene(shapes::bumpy_head(1.0, 2), Scale::DiagonalMm(size_mm), material);
         survives(&format!("{size_mm} mm of {material}"), &scene, &[500], 2.0);
     }

@@ -133,7 +133,7 @@ pub(crate) fn with_work<T>(
     make: impl FnOnce(&Work, &IrradianceRows, Ledger) -> Result<T>,
 ) -> Result<T> {
     progress.start("samples", 0);
-    let sampled = SampledScene::new(scene, plan.density.count(scene, settings.samples));
+    let sampled = SampledScene::with_density(scene, plan.density, settings)?;
     // Where the first scattering has a stage of its own the kernels hold the others.
     let orders = if plan.single == Single::Off { Orders::FromOne } else { Orders::FromTwo };
     let (sampled, calibration) = sampled.with_model(settings, orders, progress)?;

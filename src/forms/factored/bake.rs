@@ -21,6 +21,7 @@ use crate::evaluate::form::write_error;
 use crate::evaluate::{AssetParts, BakeSettings, Capabilities, Evaluator, Forecast, Form, MaterialEdit, ProfileEdit};
 use crate::forms::density;
 use crate::forms::environment_rows::{self, EnvironmentRows};
+use crate::forms::sample_count::{UNLIKE_MATERIALS, samples_for};
 use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::Samples;
 use crate::light::{Light, LightKind};
@@ -77,7 +78,8 @@ impl Form for Factored {
 
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
         progress.start("samples", 0);
-        let mut ordered = OrderedSamples::new(scene, self.density.count(scene, settings.samples), self);
+        let count = samples_for(scene, (self.density, self.sampling), settings, &UNLIKE_MATERIALS)?;
+        let mut ordered = OrderedSamples::new(scene, count, self);
         progress.finish();
 
         progress.start("basis", 0);

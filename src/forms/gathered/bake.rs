@@ -23,6 +23,7 @@ use crate::evaluate::{
 };
 use crate::forms::density;
 use crate::forms::environment_rows::{self, EnvironmentRows, StoredRows};
+use crate::forms::sample_count::{UNLIKE_MATERIALS, samples_for};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{self, Samples};
 use crate::light::{Light, LightKind};
@@ -42,10 +43,6 @@ use crate::transport::surface::Surface;
 
 /// Lights that the resolution of kernels is chosen by.
 const LIGHTS: usize = 3;
-
-/// Published materials that it is chosen by beside the scene's own: those with the largest errors of nets and near
-/// samples.
-const MATERIALS: [&str; 3] = ["ketchup", "chicken1", "spectralon"];
 
 /// Stage of assets that hold no transport, whose error is 0.
 const NOTHING_STORED: &str = "nothing stored";
@@ -109,7 +106,14 @@ impl Form for Gathered {
 
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
         progress.start("samples", 0);
-        let samples = Samples::new(&scene.mesh, &scene.parts, self.density.count(scene, settings.samples));
+        // Nets are made for any material.
+        let materials = if self.nets.is_some() { UNLIKE_MATERIALS.as_slice() } else { &[] };
+        let count = match self.far {
+            // The truth has them all.
+            Far::AllPairs => self.density.count(scene, settings.samples),
+            Far::Hierarchical { .. } => samples_for(scene, (self.density, self.sampling), settings, materials)?,
+        };
+        let samples = Samples::new(&scene.mesh, &scene.parts, count);
         let environment = self.environment.filter(|_| settings.is_for(LightKind::Environment));
         let (calibrated, calibration) = match settings.model {
             Model::Dipole => (None, Vec::new()),
@@ -176,7 +180,7 @@ fn kernels(scene: &Scene, calibrated: Option<&Calibrated>) -> Vec<KernelsOfParts
         Some(calibrated) => calibrated.kernels.clone(),
         None => (MediumKernel::of_media(&scene.media), of_part.clone()),
     };
-    let others = MATERIALS.iter().filter_map(|name| preset(name)).map(|preset| of(preset.properties()));
+    let others = UNLIKE_MATERIALS.iter().filter_map(|name| preset(name)).map(|preset| of(preset.properties()));
     std::iter::once(own).chain(others).collect()
 }
 

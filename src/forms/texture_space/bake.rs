@@ -11,6 +11,7 @@ use crate::error::Result;
 use crate::evaluate::form::write_error;
 use crate::evaluate::stages::{of_kinds, spread};
 use crate::evaluate::{AssetParts, BakeSettings};
+use crate::forms::sample_count::samples_for;
 use crate::geometry::atlas::{Atlas, Report};
 use crate::progress::{Progress, stage};
 use crate::scene::Scene;
@@ -49,11 +50,14 @@ pub(super) fn bake(
 ) -> Result<AssetParts> {
     let resolution = resolution(form, scene);
     let (atlas, report) = stage(progress, "atlas", || Atlas::new(&scene.mesh, form.map, resolution))?;
+    // Those that are asked for are texels, not the truth's.
+    let of_truth = BakeSettings { samples: None, ..settings.clone() };
+    let truth_samples = samples_for(scene, (form.density, form.rays), &of_truth, &[])?;
     let asked = settings.samples.map(|count| count.clamp(1, u32::MAX as usize) as u32).or(form.count);
     let numbers = Numbers {
         resolution,
         count: asked.unwrap_or(LEAST_COUNT),
-        truth_samples: form.density.count(scene, None).min(u32::MAX as usize) as u32,
+        truth_samples: truth_samples.min(u32::MAX as usize) as u32,
     };
     let in_file = atlas::Atlas { numbers: numbers_of(&report, resolution), corners: atlas.codes() };
     let mut evaluator = TextureSpaceEvaluator::new(form, scene, atlas, numbers)?;

@@ -107,7 +107,7 @@ impl Form for QuantisedLights {
 
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
         progress.start("samples", 0);
-        let sampled = SampledScene::new(scene, self.density.count(scene, settings.samples));
+        let sampled = SampledScene::with_density(scene, self.density, settings)?;
         let (sampled, calibration) = sampled.with_model(settings, Orders::FromOne, progress)?;
         progress.finish();
         sampled.with_transfer(NearField::for_error(settings.max_rms), |mut transfer| {

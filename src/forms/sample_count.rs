@@ -1,0 +1,134 @@
+//! The number of samples that an asked error needs.
+//!
+//! A density in mean free paths is made for shapes that shade themselves in every place. Most small models are simpler: there the error of
+//! twice as many samples is measured, from few on, until it is a small share of what is asked.
+
+use glam::DVec3;
+
+use super::density::Density;
+use crate::error::Result;
+use crate::evaluate::stages::spread;
+use crate::evaluate::{BakeSettings, Model};
+use crate::geometry::bvh::Bvh;
+use crate::geometry::samples::{self, Samples};
+use crate::light::Light;
+use crate::medium::material::{Medium, preset};
+use crate::progress::Silent;
+use crate::scene::Scene;
+use crate::transport::gather::{Gather, Scheme};
+use crate::transport::irradiance::{Illumination, LightSampling};
+use crate::transport::kernel::medium::MediumKernel;
+use crate::transport::near_rule::NearField;
+use crate::transport::receivers::Receivers;
+use crate::transport::surface::Surface;
+use crate::transport::tree::SampleTree;
+
+/// Share of the asked error that samples may take.
+const SHARE: f64 = 0.2;
+
+/// Samples that are looked at first; as many as triangles at least, since clusters of triangles err in another way.
+const LEAST: usize = 1 << 11;
+
+/// More than this part of the samples that the density asks for is not tried: what it would save is less than what it costs.
+const MOST_PART: usize = 2;
+
+/// Probe lights, beside a sun along the largest flat area, and vertices.
+const LIGHTS: usize = 3;
+const VERTICES: usize = 128;
+const GROUP: usize = 16;
+
+/// Turn of the sun that grazes, in full turns.
+const TURN: f64 = 0.13;
+
+/// Published materials that light scatters in most differently, for methods whose material is chosen later.
+pub const UNLIKE_MATERIALS: [&str; 3] = ["ketchup", "chicken1", "spectralon"];
+
+/// Samples of a scene: as many as are asked for, else as the density says, or fewer where these are enough for the asked error under a few
+/// of the tuning lights, in the media of the scene and in those of some published `materials`.
+///
+/// # Errors
+/// As [`Illumination::new`].
+pub fn samples_for(
+    scene: &Scene,
+    (density, sampling): (Density, LightSampling),
+    settings: &BakeSettings,
+    materials: &[&str],
+) -> Result<usize> {
+    let most = density.count(scene, settings.samples);
+    let mut count = LEAST.max(scene.mesh.triangles.len());
+    let lights = lights(scene, settings);
+    // Where light enters elsewhere than it falls it goes from sample to sample, and needs them all.
+    let is_moved = settings.model != Model::Dipole;
+    if settings.samples.is_some() || is_moved || lights.is_empty() || 2 * count * MOST_PART > most {
+        return Ok(most);
+    }
+    let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
+    if receivers.is_empty() {
+        return Ok(most);
+    }
+    let (subset, points) = receivers.probe_points(&receivers.areas_mm2(&scene.mesh), (VERTICES, 0));
+    let trial = Trial { scene, bvh: Bvh::new(&scene.mesh), sampling, lights, kernels: kernels(scene, materials) };
+    let mut before = trial.radiosity(count, &subset)?;
+    while 2 * count * MOST_PART <= most {
+        count *= 2;
+        let values = trial.radiosity(count, &subset)?;
+        let error = |(a, b): (&Vec<DVec3>, &Vec<DVec3>)| points.error(a, b).rms;
+        // The error falls with the number of samples at least: that of these is no more than what they differ by from half as many.
+        if before.iter().zip(&values).map(error).fold(0.0, f64::max) <= SHARE * settings.max_rms {
+            return Ok(count);
+        }
+        before = values;
+    }
+    Ok(most)
+}
+
+/// Lights from one direction, under which samples err most.
+fn lights(scene: &Scene, settings: &BakeSettings) -> Vec<Light> {
+    let probes = spread(&settings.probes.tuning, LIGHTS).cloned();
+    let mut lights: Vec<Light> = probes.collect();
+    if !lights.is_empty() {
+        lights.push(Light::Directional { from: scene.grazing(TURN), irradiance: DVec3::ONE });
+    }
+    lights
+}
+
+/// Kernels of the media of a scene, and with each of the materials in the place of these.
+fn kernels(scene: &Scene, materials: &[&str]) -> Vec<Vec<MediumKernel>> {
+    let others = materials.iter().filter_map(|name| preset(name)).map(|preset| {
+        let other = |medium: &Medium| MediumKernel::new(&Medium { properties: preset.properties(), ..medium.clone() });
+        scene.media.iter().map(other).collect()
+    });
+    std::iter::once(MediumKernel::of_media(&scene.media)).chain(others).collect()
+}
+
+/// What is the same for every number of samples.
+struct Trial<'a> {
+    scene: &'a Scene,
+    bvh: Bvh,
+    sampling: LightSampling,
+    lights: Vec<Light>,
+    kernels: Vec<Vec<MediumKernel>>,
+}
+
+impl Trial<'_> {
+    /// Radiosity of some receivers from so many samples over all pairs, RGB, for each light and kernel.
+    fn radiosity(&self, count: usize, receivers: &Receivers) -> Result<Vec<Vec<DVec3>>> {
+        let Scene { mesh, parts, media } = self.scene;
+        let samples = Samples::new(mesh, parts, count);
+        let patches = samples::patches(mesh, &samples);
+        let surface = Surface { domain: self.scene.domain(), bvh: &self.bvh, samples: &samples, patches: &patches };
+        let etas: Vec<f64> = media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+        let tree = SampleTree::default();
+        let mut values = Vec::new();
+        for light in &self.lights {
+            let lit = Illumination::new(&surface, std::slice::from_ref(light), &etas, self.sampling)?;
+            let (irradiance, pieces) = lit.all_with_pieces(&Silent);
+            for kernels in &self.kernels {
+                let gather = Gather::with_kernels(&surface, &tree, kernels.clone(), NearField::REFERENCE);
+                let lit = gather.light_with_pieces(&irradiance, &pieces);
+                values.push(gather.radiosity(receivers, &lit, Scheme::AllPairs, &Silent));
+            }
+        }
+        Ok(values)
+    }
+}
