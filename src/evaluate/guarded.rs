@@ -76,7 +76,8 @@ fn most_irradiance(light: &Light, mesh: &Mesh, known: &mut Option<(Shared<Enviro
         Light::Point { at_mm, intensity } => {
             let [min, max] = mesh.bounds_local_mm();
             let local = *at_mm - mesh.origin_mm;
-            intensity.max_element() / local.distance_squared(local.clamp(min, max))
+            let squared = local.distance_squared(local.clamp(min, max));
+            if squared > 0.0 { intensity.max_element() / squared } else { f64::INFINITY }
         }
         Light::Environment { map, scale, .. } => {
             let largest = match known {

@@ -138,7 +138,8 @@ fn code_4_names_the_samples_that_fit() {
     let folder = cube();
     let bake = "bake cube.obj --unit mm --material marble --method two_pass -o a.tlux";
     for limit in ["60MB", "28MB"] {
-        let refused = folder.run(&format!("{bake} --max-memory {limit}")).fails(4, &["memory", "would fit"]);
+        let many = format!("{bake} --samples 4194304 --max-memory {limit}");
+        let refused = folder.run(&many).fails(4, &["memory", "would fit"]);
         let words: Vec<&str> = refused.stderr.split_whitespace().collect();
         let flag = words.iter().position(|w| *w == "--samples").unwrap();
         let fitting: usize = words[flag + 1].parse().unwrap();
