@@ -5,7 +5,6 @@ use std::collections::BTreeSet;
 
 use serde::de::DeserializeOwned;
 
-use crate::asset::RawSection;
 use crate::container::{CHECKSUM_AT, ENTRY_BYTES, HEADER_BYTES, MAGIC, SectionInfo, align, field, head_checksum};
 use crate::error::{FormatError, Result};
 use crate::types::{Budget, Codec, Element, ElementType, Kind, MAX_SECTIONS, Scalar, Tag, VERSION_MAJOR};
@@ -129,14 +128,6 @@ impl<'a> Reader<'a> {
     /// The section is missing or damaged.
     pub fn bytes(&self, tag: Tag) -> Result<Cow<'a, [u8]>> {
         self.bytes_of(self.section(tag)?)
-    }
-
-    /// A section with its description.
-    ///
-    /// # Errors
-    /// As [`Reader::bytes`].
-    pub fn raw(&self, tag: Tag) -> Result<RawSection> {
-        RawSection::read(self, self.section(tag)?)
     }
 
     /// Checks the checksum of every section without decoding it.

@@ -20,7 +20,7 @@ use crate::import::Imported;
 use crate::io::atomic;
 use crate::plan::{self, Plan, Request};
 use crate::report::bake::BakeReport;
-use crate::report::findings::missed_quality;
+use crate::report::quality::missed_quality;
 use crate::report::sizes::sizes;
 use crate::report::text::{duration, megabytes};
 use crate::report::validation::examine;

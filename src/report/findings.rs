@@ -2,7 +2,6 @@
 //! a scan.
 
 use std::collections::BTreeSet;
-use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 use serde::Serialize;
@@ -15,22 +14,16 @@ use translux_format::{
     texture_space,
 };
 
-use super::inspection::PLAN;
-use super::text::percent;
-use crate::asset::{ALGORITHM_REVISION, Asset, REQUEST, entry_from_file};
+use super::quality::missed_quality;
+use crate::asset::{ALGORITHM_REVISION, REQUEST, entry_from_file};
 use crate::compress::ledger::Ledger;
-use crate::error::{Error, ExitCode, Result};
+use crate::evaluate::Registry;
 use crate::evaluate::keys::share;
-use crate::evaluate::memory::Limits;
-use crate::evaluate::{AnyForm, Evaluator, Registry};
 use crate::geometry::mesh::Mesh;
 use crate::geometry::parts::inconsistent_edges;
 use crate::geometry::samples::{Facet, area};
 use crate::import::FAULT_NOTE;
-use crate::light::Light;
-use crate::measure::probes::{Half, constant, directional, points};
 use crate::medium::entrance_basis::EntranceBasis;
-use crate::progress::Silent;
 
 /// Severity of a finding: whether the asset can be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -91,7 +84,7 @@ impl Finding {
         }
     }
 
-    fn new(kind: &FindingKind, section: Option<Tag>, message: String) -> Self {
+    pub(super) fn new(kind: &FindingKind, section: Option<Tag>, message: String) -> Self {
         let (number, name, severity) = (kind.number, kind.name, kind.severity);
         Self { number, name, severity, section: section.map(|tag| tag.to_string()), message }
     }
@@ -99,7 +92,7 @@ impl Finding {
 
 macro_rules! catalogue {
     ($($constant:ident = $number:literal $severity:ident $name:literal $meaning:literal;)*) => {
-        $(const $constant: FindingKind =
+        $(pub(super) const $constant: FindingKind =
             FindingKind { number: $number, severity: Severity::$severity, name: $name, meaning: $meaning };)*
         /// Every finding about assets that a reader accepts.
         pub const CATALOGUE: &[FindingKind] = &[$($constant),*];
@@ -108,7 +101,7 @@ macro_rules! catalogue {
 
 catalogue! {
     UNKNOWN_METHOD = 100 Error "UnknownMethod" "this build does not have the method of the asset";
-    REFUSED = 101 Error "Refused" "the method does not open the asset";
+    REFUSED = 101 Error "Refused" "the method does not open the asset, or what it stores is more than light could bring";
     MAX_RMS = 102 Error "MaxRms" "the setting max-rms is no share in (0, 1]";
     TERMS = 103 Error "Terms" "far field and basis have unlike numbers of functions";
     NO_SAMPLES = 104 Error "NoSamples" "light travels in a part that has no samples";
@@ -280,27 +273,6 @@ fn geometry_of(file: &translux_format::Mesh) -> Mesh {
     }
 }
 
-/// What the errors of an asset miss of the relative error that was asked for. Where the asset was planned, its error was measured from
-/// end to end, and the notes tell what it misses of all that was asked for; else the stages of its ledger count, those of environments
-/// included where it has them.
-pub fn missed_quality(notes: &[String], ledger: &Ledger, asked: f64) -> Option<String> {
-    let mut plan = notes.iter().filter_map(|note| note.strip_prefix(PLAN)).peekable();
-    if plan.peek().is_some() {
-        let missed = plan.find_map(|sentence| sentence.strip_prefix("missed: "));
-        return missed.map(|what| format!("the request is not met: {what}"));
-    }
-    let (near, all) = (ledger.total_rms_without_environment(), ledger.total_rms());
-    let above = |errors: f64, under: &str| {
-        let [errors, asked] = [errors, asked].map(percent);
-        format!("errors of {errors} in all{under}, above the asked {asked}")
-    };
-    match (near > asked, all > asked) {
-        (true, _) => Some(above(near, "")),
-        (false, true) => Some(above(all, " under environments")),
-        (false, false) => None,
-    }
-}
-
 /// Findings on method, settings and the ledger.
 pub fn of_provenance(scan: &Scan, registry: &Registry) -> Vec<Finding> {
     let mut out = Vec::new();
@@ -376,7 +348,7 @@ fn of_method(provenance: &translux_format::Provenance, registry: &Registry) -> V
 ///
 /// # Errors
 /// The faults for which sections are refused.
-pub fn of_method_sections(scan: &Scan) -> std::result::Result<Vec<Finding>, Vec<FormatError>> {
+pub fn of_method_sections(scan: &Scan) -> Result<Vec<Finding>, Vec<FormatError>> {
     // A section that does not decode has been found already; the others would be blamed for missing it.
     let damaged: Vec<_> = scan.errors.iter().filter_map(FormatError::tag).collect();
     let intact = |tags: &[Tag]| !tags.iter().any(|tag| damaged.contains(tag));
@@ -417,57 +389,6 @@ pub fn of_method_sections(scan: &Scan) -> std::result::Result<Vec<Finding>, Vec<
         out.push(Finding::new(&ANGLES, Some(rows::tags::FUNCTIONS), refused.message().to_owned()));
     }
     Ok(out)
-}
-
-/// Opens an asset without other findings, as every command does; returns a finding if that fails or the ledger is
-/// empty.
-///
-/// # Errors
-/// Run time: an evaluator that the limits do not admit.
-pub fn of_opening(
-    provenance: &translux_format::Provenance,
-    bytes: &[u8],
-    (registry, limits): (&Registry, Limits<'_>),
-) -> Result<Option<Finding>> {
-    let Ok(method) = registry.method(&provenance.method) else { return Ok(None) };
-    let refused = |e: Error| Finding::new(&REFUSED, None, format!("method {}: {e}", method.name()));
-    let read = Asset::from_bytes_within(bytes, limits.budget).and_then(|asset| Ok((registry.form(&asset)?, asset)));
-    let (form, asset) = match read {
-        Ok(read) => read,
-        Err(error) => return Ok(Some(refused(error))),
-    };
-    (limits.admit)(form.run_memory(&asset))?;
-    // What stores no transport has lost nothing before it is evaluated.
-    let untold = asset.ledger.entries.is_empty() && form.holds_transport();
-    Ok(match form.open(Arc::new(asset)).and_then(|evaluator| lit(form.as_ref(), evaluator)) {
-        Err(error) => Some(refused(error)),
-        Ok(()) if untold => {
-            Some(Finding::new(&NO_LEDGER, Some(metadata::tags::LEDGER), "the ledger is empty".to_owned()))
-        }
-        Ok(()) => None,
-    })
-}
-
-/// Puts stored transport under a light of each kind that it serves: what it holds must not be more than light could bring.
-fn lit(form: &dyn AnyForm, mut evaluator: Box<dyn Evaluator>) -> Result<()> {
-    if !form.holds_transport() {
-        return Ok(());
-    }
-    let mesh = &evaluator.scene().mesh;
-    let point = points(mesh, Half::Figures).into_iter().take(1);
-    let lights: Vec<Light> = directional(Half::Figures).into_iter().take(1).chain(point).chain([constant()]).collect();
-    for light in lights.into_iter().filter(|light| form.kinds().contains(&light.kind())) {
-        match evaluator.set_lights(vec![light], &Silent) {
-            // Of some kinds only those that the bake was told of.
-            Err(error) if error.code() == ExitCode::Unsupported => {}
-            Err(error) => return Err(error),
-            Ok(()) => {
-                evaluator.radiosity(&Silent)?;
-                evaluator.single_scattering(&Silent)?;
-            }
-        }
-    }
-    Ok(())
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use serde::Serialize;
 use translux_format::{
-    Budget, Excerpt, MediumRecord, PartRecord, ReadError, Reader, Tag, mesh, metadata, parts, samples,
+    Budget, Excerpt, MediumRecord, PartRecord, RawSection, ReadError, Reader, Tag, mesh, metadata, parts, samples,
 };
 
 use super::materials::MediumReport;
@@ -125,7 +125,7 @@ fn of_directory(path: &Path, registry: &Registry, budget: Budget) -> Result<Insp
     let parts = parts_of_records(&reader, &media).map_err(refuse)?;
     let provenance = asset::provenance_from_file(metadata::provenance(&reader).map_err(refuse)?);
     let ledger = metadata::ledger(&reader).map_err(refuse)?;
-    let sections = [metadata::tags::FORM, metadata::tags::SETTINGS].map(|tag| reader.raw(tag));
+    let sections = [metadata::tags::FORM, metadata::tags::SETTINGS].map(|tag| RawSection::of(&reader, tag));
     let [name, settings] = sections;
     let sections = vec![name.map_err(refuse)?, settings.map_err(refuse)?];
     // As with everything read: what no form here is fits no evaluator.

@@ -7,6 +7,7 @@ use serde::Serialize;
 use translux_format::{FormatError, Scan};
 
 use super::findings::{self, CATALOGUE, Finding, Severity};
+use super::opened;
 use super::text::table;
 use crate::error::{Error, Result};
 use crate::evaluate::Registry;
@@ -80,7 +81,7 @@ fn find(scan: Scan, bytes: &[u8], (registry, limits): (&Registry, Limits<'_>)) -
     // What was scanned goes before the asset is decoded once more.
     let provenance = scan.provenance.filter(|_| !out.iter().any(|finding| finding.severity == Severity::Error));
     if let Some(provenance) = provenance {
-        out.extend(findings::of_opening(&provenance, bytes, (registry, limits))?);
+        out.extend(opened::of_opening(&provenance, bytes, (registry, limits))?);
     }
     Ok(out)
 }

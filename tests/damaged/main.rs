@@ -223,7 +223,9 @@ fn attempt(registry: &Registry, assets: &[Vec<RawSection>], number: u64) -> Opti
         Ok(Some(fault)) => fault,
         Err(_) => format!("panicked: {}", PANIC.lock().unwrap_or_else(PoisonError::into_inner)),
     };
-    Some(format!("{number}: {} after {}: {fault}", RECIPES[recipe].0, names.join(", ")))
+    let told = format!("{number}: {} after {}: {fault}", RECIPES[recipe].0, names.join(", "));
+    println!("{told}");
+    Some(told)
 }
 
 /// Time that the mutations of each recipe took.

@@ -8,13 +8,13 @@ mod settings;
 mod source_fields;
 mod stored;
 
+use translux_format::Tag;
+use translux_format::rows::tags;
+
+use crate::evaluate::SourceFields;
 pub use bake::bake;
 pub use settings::EnvironmentRows;
 pub use stored::{BY_RAYS, IN_ROWS, StoredRows, by_rays, sampled};
-
-use translux_format::{Tag, rows::tags};
-
-use crate::evaluate::SourceFields;
 
 /// Source radiance fields that area lights may have in the media of the bake, by the sections of the asset.
 pub fn source_fields(has: &dyn Fn(Tag) -> bool) -> SourceFields {

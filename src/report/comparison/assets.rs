@@ -7,7 +7,7 @@ use std::sync::Arc;
 use serde::Serialize;
 use translux_format::{Budget, FormatError, Provenance, Reader, SectionInfo, Tag, metadata};
 
-use crate::asset::{Asset, refused};
+use crate::asset::{Asset, REQUEST, refused};
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::evaluate::measured::{Measured, Truth, measured};
@@ -99,7 +99,7 @@ pub(super) fn bytes([a, b]: [&[u8]; 2], [path_a, path_b]: [&Path; 2], budget: Bu
     let (from_a, from_b) = (provenance(&reader_a, path_a)?, provenance(&reader_b, path_b)?);
     Ok(AssetDifference {
         sections,
-        settings: differences(&from_a.settings, &from_b.settings),
+        settings: differences(&from_a.settings, &from_b.settings).into_iter().filter(|d| d.key != REQUEST).collect(),
         provenance: differences(&facts(&from_a), &facts(&from_b)),
         probes: Vec::new(),
     })

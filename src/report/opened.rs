@@ -1,0 +1,65 @@
+//! An asset opened and lit, as commands do it: the finding about what fails then.
+
+use std::sync::Arc;
+
+use translux_format::metadata;
+
+use super::findings::{Finding, NO_LEDGER, REFUSED};
+use crate::asset::Asset;
+use crate::error::{Error, ExitCode, Result};
+use crate::evaluate::memory::Limits;
+use crate::evaluate::{AnyForm, Evaluator, Registry};
+use crate::light::Light;
+use crate::measure::probes::{Half, constant, directional, points};
+use crate::progress::Silent;
+
+/// Opens an asset without other findings, as every command does; returns a finding if that fails or the ledger is
+/// empty.
+///
+/// # Errors
+/// Run time: an evaluator that the limits do not admit.
+pub(super) fn of_opening(
+    provenance: &translux_format::Provenance,
+    bytes: &[u8],
+    (registry, limits): (&Registry, Limits<'_>),
+) -> Result<Option<Finding>> {
+    let Ok(method) = registry.method(&provenance.method) else { return Ok(None) };
+    let refused = |e: Error| Finding::new(&REFUSED, None, format!("method {}: {e}", method.name()));
+    let read = Asset::from_bytes_within(bytes, limits.budget).and_then(|asset| Ok((registry.form(&asset)?, asset)));
+    let (form, asset) = match read {
+        Ok(read) => read,
+        Err(error) => return Ok(Some(refused(error))),
+    };
+    (limits.admit)(form.run_memory(&asset))?;
+    // What stores no transport has lost nothing before it is evaluated.
+    let untold = asset.ledger.entries.is_empty() && form.holds_transport();
+    Ok(match form.open(Arc::new(asset)).and_then(|evaluator| lit(form.as_ref(), evaluator)) {
+        Err(error) => Some(refused(error)),
+        Ok(()) if untold => {
+            Some(Finding::new(&NO_LEDGER, Some(metadata::tags::LEDGER), "the ledger is empty".to_owned()))
+        }
+        Ok(()) => None,
+    })
+}
+
+/// Puts stored transport under a light of each kind that it serves: what it holds must not be more than light could bring.
+fn lit(form: &dyn AnyForm, mut evaluator: Box<dyn Evaluator>) -> Result<()> {
+    if !form.holds_transport() {
+        return Ok(());
+    }
+    let mesh = &evaluator.scene().mesh;
+    let point = points(mesh, Half::Figures).into_iter().take(1);
+    let lights: Vec<Light> = directional(Half::Figures).into_iter().take(1).chain(point).chain([constant()]).collect();
+    for light in lights.into_iter().filter(|light| form.kinds().contains(&light.kind())) {
+        match evaluator.set_lights(vec![light], &Silent) {
+            // Of some kinds only those that the bake was told of.
+            Err(error) if error.code() == ExitCode::Unsupported => {}
+            Err(error) => return Err(error),
+            Ok(()) => {
+                evaluator.radiosity(&Silent)?;
+                evaluator.single_scattering(&Silent)?;
+            }
+        }
+    }
+    Ok(())
+}
