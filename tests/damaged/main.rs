@@ -42,8 +42,11 @@ const FEW: u64 = 1_500;
 /// No mutation of such a small asset takes nearly this long.
 const LONG: Duration = Duration::from_secs(20);
 
-/// A method with some keys; calibrated where it says so.
-const RECIPES: [(&str, &[(&str, &str)], bool); 13] = [
+/// A method, some of its keys, and whether its kernels are calibrated.
+type Recipe = (&'static str, &'static [(&'static str, &'static str)], bool);
+
+/// Every form, and what may stand beside it.
+const RECIPES: [Recipe; 13] = [
     (
         "reference",
         &[("single-scattering", "isotropic"), ("single-samples", "4"), ("points", "1"), ("directions", "8")],
@@ -99,7 +102,7 @@ fn assets(registry: &Registry) -> Vec<Vec<RawSection>> {
     let scene = scene();
     // Walks take longer than all else: not where few mutations are asked for.
     let few = std::env::var_os("TRANSLUX_MUTATIONS").is_none();
-    let bake = |&(name, set, calibrated): &(&str, &[(&str, &str)], bool)| {
+    let bake = |&(name, set, calibrated): &Recipe| {
         let began = Instant::now();
         let method = registry.method(name).unwrap();
         let probes = probes::for_bake(&scene.mesh);
@@ -200,7 +203,7 @@ fn attempt(registry: &Registry, assets: &[Vec<RawSection>], number: u64) -> Opti
     let file = build(&sections.iter().map(Entry::raw).collect::<Vec<_>>());
     // Other settings within their ranges may take minutes of rays: most of those are only opened.
     let settings = names.iter().any(|name| name.starts_with("form.set"));
-    let is_lit = !settings || number / assets.len() as u64 % 16 == 0;
+    let is_lit = !settings || (number / assets.len() as u64).is_multiple_of(16);
     let began = Instant::now();
     let outcome = catch_unwind(AssertUnwindSafe(|| {
         let found = examine(Path::new("a.tlux"), &file, (registry, Limits::none()), &Silent).unwrap();
