@@ -238,7 +238,7 @@ mod tests {
     fn a_missing_folder_is_an_io_error_that_names_the_file() {
         let folder = tempfile::tempdir().unwrap();
         let error = write(&folder.path().join("no/such/a.bin"), b"x").unwrap_err();
-        assert_eq!(error.code(), crate::error::ExitCode::Io);
+        assert_eq!(error.code(), ExitCode::Io);
         assert!(error.message().contains("a.bin"));
     }
 }
