@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use translux_format::metadata;
+use translux_format::{metadata, rows};
 
 use super::findings::{Finding, NO_LEDGER, REFUSED};
 use crate::asset::Asset;
@@ -33,7 +33,8 @@ pub(super) fn of_opening(
     (limits.admit)(form.run_memory(&asset))?;
     // What stores no transport has lost nothing before it is evaluated.
     let untold = asset.ledger.entries.is_empty() && form.holds_transport();
-    Ok(match form.open(Arc::new(asset)).and_then(|evaluator| lit(form.as_ref(), evaluator)) {
+    let has_rows = asset.sections.iter().any(|section| section.tag == rows::tags::COUNTS);
+    Ok(match form.open(Arc::new(asset)).and_then(|evaluator| lit((form.as_ref(), has_rows), evaluator)) {
         Err(error) => Some(refused(error)),
         Ok(()) if untold => {
             Some(Finding::new(&NO_LEDGER, Some(metadata::tags::LEDGER), "the ledger is empty".to_owned()))
@@ -42,14 +43,20 @@ pub(super) fn of_opening(
     })
 }
 
-/// Puts stored transport under a light of each kind that it serves: what it holds must not be more than light could bring.
-fn lit(form: &dyn AnyForm, mut evaluator: Box<dyn Evaluator>) -> Result<()> {
-    if !form.holds_transport() {
-        return Ok(());
-    }
+/// Puts what is stored, transport or rows of irradiance, under a light of each kind that it serves: it must not hold more than light could
+/// bring.
+fn lit((form, has_rows): (&dyn AnyForm, bool), mut evaluator: Box<dyn Evaluator>) -> Result<()> {
     let mesh = &evaluator.scene().mesh;
-    let point = points(mesh, Half::Figures).into_iter().take(1);
-    let lights: Vec<Light> = directional(Half::Figures).into_iter().take(1).chain(point).chain([constant()]).collect();
+    let near: Vec<Light> = match form.holds_transport() {
+        true => directional(Half::Figures)
+            .into_iter()
+            .take(1)
+            .chain(points(mesh, Half::Figures).into_iter().take(1))
+            .collect(),
+        false => Vec::new(),
+    };
+    let far = (form.holds_transport() || has_rows).then(constant);
+    let lights: Vec<Light> = near.into_iter().chain(far).collect();
     for light in lights.into_iter().filter(|light| form.kinds().contains(&light.kind())) {
         match evaluator.set_lights(vec![light], &Silent) {
             // Of some kinds only those that the bake was told of.
