@@ -132,3 +132,64 @@ impl Trial<'_> {
         Ok(values)
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::evaluate::Probes;
+    use crate::forms::test_scene::scene;
+    use crate::geometry::shapes;
+
+    const DENSITY: Density = Density { spacing: 0.35, least: 1 << 15, most: 1 << 16 };
+
+    fn settings(max_rms: f64) -> BakeSettings {
+        let suns = |from: &[[f64; 3]]| {
+            from.iter().map(|&from| Light::directional(DVec3::from_array(from), DVec3::ONE).unwrap()).collect()
+        };
+        let tuning = suns(&[[1.0, 2.0, 3.0], [-3.0, 1.0, 0.5], [0.2, -1.0, 0.4]]);
+        let probes = Probes { tuning, unseen: suns(&[[-1.0, -0.3, 2.0], [2.0, 0.5, -1.0]]) };
+        BakeSettings { probes, ..BakeSettings::new(max_rms) }
+    }
+
+    fn found(scene: &Scene, settings: &BakeSettings, materials: &[&str]) -> usize {
+        samples_for(scene, (DENSITY, LightSampling::FAST), settings, materials).unwrap()
+    }
+
+    #[test]
+    fn simple_bodies_take_few_samples_and_err_less_than_their_share() {
+        let scene = scene(shapes::bumpy_head(8.0, 2), "skin1");
+        let settings = settings(0.01);
+        let count = found(&scene, &settings, &[]);
+        assert!((2 * LEAST..DENSITY.least as usize).contains(&count), "{count}");
+        // Against many times as many, under lights that no choice saw.
+        let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
+        let (subset, points) = receivers.probe_points(&receivers.areas_mm2(&scene.mesh), (VERTICES, 1));
+        let lights: Vec<Light> = settings.probes.unseen.clone();
+        let kernels = kernels(&scene, &[]);
+        let trial = Trial { scene: &scene, bvh: Bvh::new(&scene.mesh), sampling: LightSampling::FAST, lights, kernels };
+        let [few, many] = [count, 16 * count].map(|count| trial.radiosity(count, &subset).unwrap());
+        let worst = few.iter().zip(&many).map(|(a, b)| points.error(a, b).rms).fold(0.0, f64::max);
+        assert!(worst > 0.0 && worst < 2.0 * SHARE * settings.max_rms, "{worst}");
+        // A smaller error takes more, and one out of reach as many as the density says.
+        let finer = found(&scene, &BakeSettings { max_rms: 0.002, ..settings.clone() }, &[]);
+        assert!(finer > count, "{finer}");
+        let most = found(&scene, &BakeSettings { max_rms: 1e-7, ..settings.clone() }, &[]);
+        assert_eq!(most, DENSITY.count(&scene, None));
+        assert!(found(&scene, &settings, &UNLIKE_MATERIALS) >= count);
+    }
+
+    #[test]
+    fn what_is_asked_for_and_what_cannot_be_tried_stay_as_they_are() {
+        let ball = scene(shapes::icosphere(8.0, 2), "marble");
+        let asked = BakeSettings { samples: Some(777), ..settings(0.01) };
+        assert_eq!(found(&ball, &asked, &[]), 777);
+        let density = DENSITY.count(&ball, None);
+        assert_eq!(found(&ball, &BakeSettings::new(0.01), &[]), density, "no probe lights");
+        let walks = Model::Calibrated(crate::transport::calibration::Walks::default());
+        assert_eq!(found(&ball, &BakeSettings { model: walks, ..settings(0.01) }, &[]), density);
+        // More than half as many triangles as samples.
+        let fine = scene(shapes::icosphere(8.0, 5), "marble");
+        assert_eq!(found(&fine, &settings(0.01), &[]), DENSITY.count(&fine, None));
+    }
+}

@@ -350,7 +350,7 @@ fn files_of_two_models_are_compared_with_a_warning() {
 fn stored_transport_holds_the_calibrated_model_and_is_measured_against_it() {
     let folder = Folder::new();
     folder.obj("head.obj", &shapes::bumpy_head(20.0, 3));
-    let walks = "--model calibrated --photons 8192 --samples 4000";
+    let walks = "--model calibrated --photons 30000 --samples 4000";
     let light = "--light directional:from=0.6,0.7,0.3:irradiance=1 --light constant:radiance=0.2";
     let reference = |rest: &str| {
         let command = format!("reference head.obj --unit mm --material skin1 --no-measure {light} -o r.ply {rest}");

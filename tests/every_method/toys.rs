@@ -5,17 +5,15 @@ use std::process::{Command, Output};
 
 use translux::geometry::shapes;
 
-/// The program of an example: beside the tests' own, and built where it is not there.
+/// The program of an example, beside the tests' own; built, since `cargo test` builds not all of them, and leaves old ones where they are.
 fn program(name: &str) -> PathBuf {
     let tests = std::env::current_exe().unwrap();
     let profile = tests.parent().and_then(Path::parent).unwrap();
     let program = profile.join("examples").join(format!("{name}{}", std::env::consts::EXE_SUFFIX));
-    if !program.is_file() {
-        let release = profile.ends_with("release").then_some("--release");
-        let mut build = Command::new(env!("CARGO"));
-        build.current_dir(env!("CARGO_MANIFEST_DIR")).args(["build", "--locked", "--example", name]).args(release);
-        assert!(build.env("CARGO_TARGET_DIR", profile.parent().unwrap()).status().unwrap().success(), "{name}");
-    }
+    let release = profile.ends_with("release").then_some("--release");
+    let mut build = Command::new(env!("CARGO"));
+    build.current_dir(env!("CARGO_MANIFEST_DIR")).args(["build", "--locked", "--example", name]).args(release);
+    assert!(build.env("CARGO_TARGET_DIR", profile.parent().unwrap()).status().unwrap().success(), "{name}");
     program
 }
 

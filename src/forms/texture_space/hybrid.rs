@@ -151,6 +151,7 @@ impl Division {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::forms::texture_space::settings::Far;
     use crate::medium::dipole::Dipole;
     use crate::medium::fresnel;
     use crate::medium::material::preset;
@@ -178,6 +179,30 @@ mod tests {
             assert!((share + local_weight(r, middle, 1.5) - 1.0).abs() < 1e-12, "{r}: {share}");
             let by_hand = integrate(|s| s * global.reflectance(s), r, whole.range_mm(1e-12), 1e-10);
             assert!((global.tail(r) - by_hand).abs() < 1e-6 * whole.tail(0.0), "{r}: {} {by_hand}", global.tail(r));
+        }
+    }
+
+    /// The only table of R_d that radiosity is computed from: elsewhere R_d is evaluated.
+    #[test]
+    fn the_table_of_the_local_part_gives_its_flux() {
+        let local = Local { importance: 0.1, sharpness: 1.5, rings: 20, of_ring: 20, image: 64, far: Far::Drawn };
+        for name in ["skin1", "skin2", "marble", "cream", "spectralon"] {
+            let dipoles = preset(name).unwrap().properties().dipoles(fresnel::BoundaryFit::Published);
+            let profiles = dipoles.map(|dipole| Arc::new(dipole) as Arc<dyn Profile>);
+            let middle = middle_mm(&profiles, 0.1);
+            let part = LocalPart::new(&profiles, middle, &local);
+            for (c, profile) in profiles.iter().enumerate() {
+                let exact = |r: f64| profile.reflectance(r) * local_weight(r, middle, local.sharpness);
+                let (mut off, mut whole) = (0.0, 0.0);
+                // Between the nodes, where linear interpolation errs most.
+                for step in 0..STEPS {
+                    let r = (step as f64 + 0.5) * part.step_mm;
+                    off += r * (look_up(&part.table, part.step_mm, r)[c] - exact(r)).abs();
+                    whole += r * exact(r);
+                }
+                println!("{name}, channel {c}: {:.1e} of the flux", off / whole);
+                assert!(off < 2e-4 * whole, "{name}, channel {c}: {}", off / whole);
+            }
         }
     }
 }
