@@ -10,7 +10,7 @@ use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::memory::Limits;
 use crate::evaluate::{AnyForm, Evaluator, Registry};
 use crate::light::Light;
-use crate::measure::probes::{Half, constant, directional, points};
+use crate::measure::probes::{Half, constant, directional, environments, points};
 use crate::progress::Silent;
 
 /// Opens an asset without other findings, as every command does; returns a finding if that fails or the ledger is
@@ -55,7 +55,11 @@ fn lit((form, has_rows): (&dyn AnyForm, bool), mut evaluator: Box<dyn Evaluator>
             .collect(),
         false => Vec::new(),
     };
-    let far = (form.holds_transport() || has_rows).then(constant);
+    // Details of a row add up to nothing under constant light.
+    let far = match form.holds_transport() || has_rows {
+        true => environments(Half::Figures).into_iter().take(1).chain([constant()]).collect(),
+        false => Vec::new(),
+    };
     let lights: Vec<Light> = near.into_iter().chain(far).collect();
     for light in lights.into_iter().filter(|light| form.kinds().contains(&light.kind())) {
         match evaluator.set_lights(vec![light], &Silent) {

@@ -20,7 +20,7 @@ use glam::DVec3;
 use translux::asset::Asset;
 use translux::error::ExitCode;
 use translux::evaluate::memory::Limits;
-use translux::evaluate::{BakeSettings, Evaluator, MaterialEdit, Model, Registry};
+use translux::evaluate::{BakeSettings, Capabilities, Evaluator, MaterialEdit, Model, ProfileEdit, Registry};
 use translux::geometry::shapes;
 use translux::light::Light;
 use translux::light::environment::EnvironmentMap;
@@ -162,7 +162,9 @@ fn use_asset(
         }
         lit => lit.map(|()| light)?,
     };
-    if number % 5 == 1 && evaluator.capabilities().material == MaterialEdit::Any {
+    // Walks through another medium take as long as those of a bake.
+    let Capabilities { material, profile, .. } = evaluator.capabilities();
+    if number % 5 == 1 && material == MaterialEdit::Any && profile != ProfileEdit::Calibrated {
         let other = |medium: &Medium| Medium { properties: preset("cream").unwrap().properties(), ..medium.clone() };
         let media = evaluator.scene().media.iter().map(other).collect();
         evaluator.set_media(media)?;
