@@ -93,7 +93,11 @@ const TAIL: &str = "
 
 A place sees the light of a texel as one irradiance: shadow boundaries are as sharp as the texels. The error of shared samples is largest where they are
 sparse and the material lets little light through: there each of them is a spot. `product` has no spots, because what is near to a place is
-always resolved for it.
+always resolved for it, as long as there are more samples than the 64 places of a group: with 49 samples santa in skin2 is 32 % off, with 100 1.5 %. The number that a bake
+chooses is what the asked error needs; it is `--samples` that can be too few.
+
+R_d and F_t are computed where they are used, not looked up, and have no error of interpolation; the one table is that of the near part of the hybrid method, linear between 4,097
+distances: at most 2e-4 of its flux (`cargo test --release --lib the_table_of_the_local_part -- --nocapture`).
 ";
 
 pub(crate) const WORDS: Words = Words {
