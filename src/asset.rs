@@ -21,6 +21,9 @@ use crate::scene::Scene;
 /// Revision of the algorithms, raised whenever the same input gives different bytes.
 pub const ALGORITHM_REVISION: u32 = 1;
 
+/// Setting that identifies what a command line asked for: a hash of it, so that a bake that would ask for the same is known.
+pub const REQUEST: &str = "request";
+
 /// Provenance of an asset, independent of time and place.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Provenance {
@@ -81,7 +84,17 @@ impl Asset {
     /// # Errors
     /// `InvalidInput` for anything that is not a valid asset; `Unsupported` for another major version.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
-        let file = format::AssetFile::from_bytes(bytes, format::Budget::default()).map_err(|e| refused(&e))?;
+        Self::from_bytes_within(bytes, format::Budget::default())
+    }
+
+    /// Like [`Self::from_bytes`], with a limit on the memory of what is decoded.
+    ///
+    /// # Errors
+    /// As [`Self::from_bytes`]; run time: content beyond the limit.
+    pub fn from_bytes_within(bytes: &[u8], budget: format::Budget) -> Result<Self> {
+        let file = format::AssetFile::from_bytes(bytes, budget).map_err(|e| refused(&e))?;
+        let mut file = file;
+        give_parts(&mut file);
         let mesh = mesh_from_file(file.mesh);
         let media: Vec<Medium> = file.parts.media.iter().map(medium_from_file).collect::<Result<_>>()?;
         let entries = file.parts.parts.iter().map(|p| (p.name.clone(), (!p.opaque).then_some(p.medium))).collect();
@@ -114,8 +127,16 @@ impl Asset {
     /// # Errors
     /// As [`Self::from_bytes`], and I/O; the message starts with the path.
     pub fn read(path: &Path) -> Result<Self> {
+        Self::read_within(path, format::Budget::default())
+    }
+
+    /// Like [`Self::read`], with a limit on the memory of what is decoded.
+    ///
+    /// # Errors
+    /// As [`Self::from_bytes_within`], and I/O; the message starts with the path.
+    pub fn read_within(path: &Path, budget: format::Budget) -> Result<Self> {
         let bytes = std::fs::read(path).map_err(|e| Error::io(path, &e))?;
-        Self::from_bytes(&bytes).map_err(|e| e.at(path.display()))
+        Self::from_bytes_within(&bytes, budget).map_err(|e| e.in_file(path))
     }
 
     /// Resizes the object to a diagonal of `diagonal_mm`, with unchanged materials. For assets that hold no transport:
@@ -131,10 +152,24 @@ impl Asset {
     }
 }
 
+/// Puts triangles that belong to no part into an opaque one: they cast shadows, and nothing else.
+fn give_parts(file: &mut format::AssetFile) {
+    let parts = &mut file.parts;
+    if !parts.triangle_part.contains(&format::NO_PART) {
+        return;
+    }
+    let own = parts.parts.len() as u32;
+    parts.triangle_part.iter_mut().filter(|part| **part == format::NO_PART).for_each(|part| *part = own);
+    parts.parts.push(format::PartRecord { name: "no part".to_owned(), opaque: true, medium: format::NO_MEDIUM });
+    let end = file.samples.part_offsets.last().copied().unwrap_or_default();
+    file.samples.part_offsets.push(end);
+}
+
 /// The error of bytes that are no asset, or one of another major version.
 pub(crate) fn refused(error: &format::FormatError) -> Error {
     let code = match error {
         format::FormatError::UnsupportedVersion { .. } => ExitCode::Unsupported,
+        format::FormatError::OverBudget { .. } | format::FormatError::OutOfMemory { .. } => ExitCode::Runtime,
         _ => ExitCode::InvalidInput,
     };
     Error::new(code, error.to_string())
@@ -197,7 +232,7 @@ fn parts_to_file(scene: &Scene) -> format::Parts {
     }
 }
 
-fn medium_from_file(record: &format::MediumRecord) -> Result<Medium> {
+pub(crate) fn medium_from_file(record: &format::MediumRecord) -> Result<Medium> {
     let properties = OpticalProperties {
         sigma_s_reduced_per_mm: DVec3::from_array(record.sigma_s_reduced_per_mm),
         sigma_a_per_mm: DVec3::from_array(record.sigma_a_per_mm),
@@ -226,7 +261,7 @@ fn provenance_to_file(Provenance { method, settings, origin }: &Provenance) -> f
     }
 }
 
-fn provenance_from_file(p: format::Provenance) -> Provenance {
+pub(crate) fn provenance_from_file(p: format::Provenance) -> Provenance {
     let hex = |hash: [u8; 32]| blake3::Hash::from_bytes(hash).to_hex().to_string();
     let origin = Origin {
         inputs: p.inputs.into_iter().map(|i| Input { name: i.name, blake3: hex(i.blake3), bytes: i.bytes }).collect(),
@@ -249,7 +284,7 @@ fn entry_to_file(entry: &Entry) -> format::LedgerEntry {
     }
 }
 
-fn entry_from_file(entry: format::LedgerEntry) -> Entry {
+pub(crate) fn entry_from_file(entry: format::LedgerEntry) -> Entry {
     Entry {
         stage: entry.stage,
         error: VertexError {

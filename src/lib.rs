@@ -134,7 +134,7 @@ pub fn write(asset: &Asset, path: &Path) -> Result<u64> {
 /// # Errors
 /// I/O, anything that is not a valid asset, a form that this build does not have.
 pub fn open(path: &Path) -> Result<Box<dyn Evaluator>> {
-    methods::built_in().open(Arc::new(Asset::read(path)?)).map_err(|e| e.at(path.display()))
+    methods::built_in().open(Arc::new(Asset::read(path)?)).map_err(|e| e.in_file(path))
 }
 
 /// A light from its text, such as `directional:from=0,1,0:irradiance=3`.

@@ -115,6 +115,14 @@ impl RawSection {
         Ok(Self { tag, kind, element: ElementType::Record, components: 1, codec, bytes })
     }
 
+    /// The section of a file with this tag.
+    ///
+    /// # Errors
+    /// The section is missing or damaged.
+    pub fn of(reader: &Reader<'_>, tag: Tag) -> Result<Self> {
+        Self::read(reader, reader.section(tag)?)
+    }
+
     pub(crate) fn read(reader: &Reader<'_>, info: &SectionInfo) -> Result<Self> {
         let &SectionInfo { tag, kind, element, components, codec, .. } = info;
         Ok(Self { tag, kind, element, components, codec, bytes: reader.bytes(tag)?.into_owned() })

@@ -26,6 +26,25 @@ pub(crate) fn in_range(tag: Tag, what: &str, values: &[f64], least: f64) -> Resu
     }
 }
 
+/// Largest number of surface samples that anything was computed from.
+const MOST_SAMPLES: u32 = 1 << 28;
+
+/// Checks a number of surface samples.
+pub(crate) fn samples(tag: Tag, count: u32) -> Result<()> {
+    if count <= MOST_SAMPLES {
+        return Ok(());
+    }
+    invalid(tag, format!("{count} samples are more than {MOST_SAMPLES}"))
+}
+
+/// Checks that no number is larger than `most`, whatever its sign.
+pub(crate) fn bounded(tag: Tag, what: &str, values: &[f64], most: f64) -> Result<()> {
+    match values.iter().find(|x| !(x.is_finite() && x.abs() <= most)) {
+        Some(x) => invalid(tag, format!("{what} is {x}: it must lie between -{most:e} and {most:e}")),
+        None => Ok(()),
+    }
+}
+
 pub(crate) fn indices_below(tag: Tag, indices: impl IntoIterator<Item = u32>, limit: usize) -> Result<()> {
     match indices.into_iter().enumerate().find(|(_, index)| *index as usize >= limit) {
         Some((i, index)) => invalid(tag, format!("index {index} at {i} is not below {limit}")),

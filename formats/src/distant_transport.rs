@@ -4,7 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::asset::{RawSection, pick};
-use crate::checks::{in_range, invalid};
+use crate::checks::{in_range, invalid, samples};
 use crate::error::{FormatError, Result};
 use crate::quantised_lights::{self, Set};
 use crate::rows::{self, IrradianceRows};
@@ -216,6 +216,7 @@ impl DistantTransport {
     /// # Errors
     /// [`crate::FormatError::Invalid`] with the tag of the section at fault.
     pub fn validate(&self) -> Result<()> {
+        samples(tags::NUMBERS, self.samples)?;
         if self.harmonics.is_none() && self.rows.is_none() {
             return invalid(tags::NUMBERS, "neither harmonics nor rows");
         }

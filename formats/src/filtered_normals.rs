@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::asset::{RawSection, pick};
-use crate::checks::{in_range, invalid, same_length};
+use crate::checks::{self, in_range, invalid, same_length};
 use crate::coefficients::{self, NO_ROW};
 use crate::error::Result;
 use crate::types::{Budget, Codec, Kind};
@@ -141,6 +141,7 @@ impl FilteredNormals {
         let Numbers { rungs, columns, step, alpha, width, samples } = &self.numbers;
         in_range(tags::NUMBERS, "a rung", rungs, f64::MIN_POSITIVE)?;
         in_range(tags::NUMBERS, "a number", &[*step, *alpha, *width], 0.0)?;
+        checks::samples(tags::NUMBERS, *samples)?;
         let sound = (1..=MOST_RUNGS).contains(&rungs.len()) && (3..=4).contains(columns) && *samples > 0;
         if !sound || *step <= 0.0 || *step > 1.0 || *width <= 0.0 {
             return invalid(tags::NUMBERS, "numbers out of range");

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use crate::checks::{addressable, finite_f32, in_range, indices_below, invalid, same_length, text};
+use crate::checks::{addressable, bounded, finite_f32, indices_below, invalid, same_length, text};
 use crate::error::{FormatError, Result};
 use crate::reader::Reader;
 use crate::types::{Codec, Element, Kind, Tag};
@@ -33,6 +33,12 @@ pub mod tags {
     /// `i - weld[i]` of each vertex, u32.
     pub const WELD: Tag = Tag::from_static("mesh.wld");
 }
+
+/// Largest coordinate of the local origin, mm: beyond it double precision no longer tells places on a body apart.
+pub const MOST_ORIGIN_MM: f64 = 1e12;
+
+/// Largest coordinate of a triangle's corner relative to the local origin, mm: beyond it squared distances leave single precision.
+pub const MOST_LOCAL_MM: f32 = 1e9;
 
 /// Values stored once, with the index of a value for each corner of each triangle.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -71,11 +77,18 @@ impl Mesh {
     /// [`FormatError::Invalid`] with the tag of the section at fault.
     pub fn validate(&self) -> Result<()> {
         let (vertices, triangles) = (self.positions_mm.len(), self.triangles.len());
-        in_range(tags::ORIGIN, "the origin", &self.origin_mm, f64::NEG_INFINITY)?;
+        bounded(tags::ORIGIN, "the origin", &self.origin_mm, MOST_ORIGIN_MM)?;
         addressable(tags::POSITIONS, vertices)?;
         finite_f32(tags::POSITIONS, &self.positions_mm)?;
         addressable(tags::TRIANGLES, triangles)?;
         indices_below(tags::TRIANGLES, self.triangles.iter().flatten().copied(), vertices)?;
+        let far = |v: &&u32| self.positions_mm[**v as usize].iter().any(|x| x.abs() > MOST_LOCAL_MM);
+        if let Some(v) = self.triangles.iter().flatten().find(far) {
+            return invalid(
+                tags::POSITIONS,
+                format!("vertex {v} of a triangle is more than {MOST_LOCAL_MM:e} mm away"),
+            );
+        }
         same_length(tags::TRIANGLE_MATERIAL, "triangles", self.triangle_material.len(), triangles)?;
         indices_below(tags::TRIANGLE_MATERIAL, self.triangle_material.iter().copied(), self.materials.len())?;
         self.materials.iter().try_for_each(|name| text(tags::MATERIALS, "the name of a material", name))?;

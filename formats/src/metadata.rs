@@ -139,14 +139,20 @@ impl LedgerEntry {
 }
 
 /// Reads the provenance and validates it.
-pub(crate) fn provenance(reader: &Reader<'_>) -> Result<Provenance> {
+///
+/// # Errors
+/// The section is missing, damaged, of another type, or its content is not valid.
+pub fn provenance(reader: &Reader<'_>) -> Result<Provenance> {
     let provenance: Provenance = reader.record_of(tags::PROVENANCE, Kind::Metadata)?;
     provenance.validate()?;
     Ok(provenance)
 }
 
 /// Reads the ledger and validates it.
-pub(crate) fn ledger(reader: &Reader<'_>) -> Result<Vec<LedgerEntry>> {
+///
+/// # Errors
+/// As [`provenance`].
+pub fn ledger(reader: &Reader<'_>) -> Result<Vec<LedgerEntry>> {
     let mut ledger: Vec<LedgerEntry> = reader.record_of(tags::LEDGER, Kind::Metadata)?;
     if reader.find(tags::DARK).is_some() {
         let dark: Vec<f64> = reader.array_of(tags::DARK, Kind::Metadata)?;

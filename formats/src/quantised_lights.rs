@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::asset::{RawSection, pick};
-use crate::checks::{in_range, invalid, same_length};
+use crate::checks::{in_range, invalid, same_length, samples};
 use crate::coefficients;
 use crate::error::{FormatError, Result};
 use crate::types::{Codec, Kind, Tag};
@@ -184,6 +184,7 @@ impl QuantisedLights {
     /// [`crate::FormatError::Invalid`] with the tag of the section at fault.
     pub fn validate(&self) -> Result<()> {
         in_range(tags::NUMBERS, "a spacing", &[self.spacing_mm, self.direction_spacing], 0.0)?;
+        samples(tags::NUMBERS, self.samples)?;
         in_range(tags::NUMBERS, "a shell", &self.shells, 0.0)?;
         if self.shells.first() != Some(&0.0) || self.shells.windows(2).any(|pair| pair[0] >= pair[1]) {
             return invalid(tags::NUMBERS, "the shells do not ascend from 0");

@@ -32,43 +32,14 @@ impl<'a> Reader<'a> {
     /// Like [`Reader::parse`] where `report` returns every error. Where `report` swallows them, the reader has the
     /// sections with a place in the file; an error is returned where nothing can be said about the rest of the file.
     pub(crate) fn parse_with(bytes: &'a [u8], budget: Budget, report: Report<'_>) -> Result<Self> {
-        let (version, count) = parse_header(bytes, report)?;
-        let head_end = HEADER_BYTES + ENTRY_BYTES * count;
-        let mut reader = Self { bytes, version, sections: Vec::with_capacity(count) };
-        let mut tags = BTreeSet::new();
-        // Unknown behind an entry that does not parse.
-        let mut end = Some(head_end as u64);
-        let mut cost = 0u64;
-        for index in 0..count {
-            let at = HEADER_BYTES + ENTRY_BYTES * index;
-            let info = match SectionInfo::from_entry(index as u32, at as u64, &field(bytes, at)) {
-                Ok(info) => info,
-                Err(error) => {
-                    report(error)?;
-                    end = None;
-                    continue;
-                }
-            };
-            let repeated = !tags.insert(info.tag);
-            if repeated {
-                report(FormatError::DuplicateTag { tag: info.tag })?;
-            }
-            end = check_place(bytes, &info, end, report)?;
-            let needed = cost.saturating_add(decoding_cost(&info));
-            if needed > budget.max_decoded_bytes {
-                report(FormatError::OverBudget { tag: info.tag, needed, budget: budget.max_decoded_bytes })?;
-            } else if end.is_some() && !repeated {
-                cost = needed;
-                reader.sections.push(info);
-            }
-        }
-        match end {
-            Some(end) if end != bytes.len() as u64 => {
-                report(FormatError::SectionEnd { end, length: bytes.len() as u64 })?;
-            }
-            _ => {}
-        }
-        Ok(reader)
+        let extent = Extent { head: bytes, length: bytes.len() as u64, whole: Some(bytes) };
+        let (version, sections) = parse_directory(&extent, budget, report)?;
+        Ok(Self { bytes, version, sections })
+    }
+
+    /// A reader of sections whose stored bytes are at these offsets of `bytes`.
+    pub(crate) fn of_parts(bytes: &'a [u8], version: (u16, u16), sections: Vec<SectionInfo>) -> Self {
+        Self { bytes, version, sections }
     }
 
     /// Major and minor version in the header.
@@ -227,10 +198,67 @@ impl<'a> Reader<'a> {
 /// Handler of an error, which decides whether to go on: the strict reader returns it, a scan records it.
 pub(crate) type Report<'r> = &'r mut dyn FnMut(FormatError) -> Result<()>;
 
+/// What is known of a file before its sections are looked at.
+pub(crate) struct Extent<'a> {
+    /// Its first bytes: header and directory, as far as the file has them.
+    pub(crate) head: &'a [u8],
+    /// Its length.
+    pub(crate) length: u64,
+    /// All of its bytes, where padding is to be checked.
+    pub(crate) whole: Option<&'a [u8]>,
+}
+
+/// Version and sections of a file; the sections have a place in it. Where `report` swallows errors, an error is returned where nothing
+/// can be said about the rest.
+pub(crate) fn parse_directory(
+    extent: &Extent<'_>,
+    budget: Budget,
+    report: Report<'_>,
+) -> Result<((u16, u16), Vec<SectionInfo>)> {
+    let (version, count) = parse_header(extent, report)?;
+    let head_end = HEADER_BYTES + ENTRY_BYTES * count;
+    let mut sections = Vec::with_capacity(count);
+    let mut tags = BTreeSet::new();
+    // Unknown behind an entry that does not parse.
+    let mut end = Some(head_end as u64);
+    let mut cost = 0u64;
+    for index in 0..count {
+        let at = HEADER_BYTES + ENTRY_BYTES * index;
+        let info = match SectionInfo::from_entry(index as u32, at as u64, &field(extent.head, at)) {
+            Ok(info) => info,
+            Err(error) => {
+                report(error)?;
+                end = None;
+                continue;
+            }
+        };
+        let repeated = !tags.insert(info.tag);
+        if repeated {
+            report(FormatError::DuplicateTag { tag: info.tag })?;
+        }
+        end = check_place(extent, &info, end, report)?;
+        let needed = cost.saturating_add(decoding_cost(&info));
+        if needed > budget.max_decoded_bytes {
+            report(FormatError::OverBudget { tag: info.tag, needed, budget: budget.max_decoded_bytes })?;
+        } else if end.is_some() && !repeated {
+            cost = needed;
+            sections.push(info);
+        }
+    }
+    match end {
+        Some(end) if end != extent.length => {
+            report(FormatError::SectionEnd { end, length: extent.length })?;
+        }
+        _ => {}
+    }
+    Ok((version, sections))
+}
+
 /// Reads version and number of sections, and makes all checks that need no directory entry.
-fn parse_header(bytes: &[u8], report: Report<'_>) -> Result<((u16, u16), usize)> {
-    let length = bytes.len() as u64;
-    let need = |needed: u64| if length < needed { Err(FormatError::TooShort { needed, length }) } else { Ok(()) };
+fn parse_header(extent: &Extent<'_>, report: Report<'_>) -> Result<((u16, u16), usize)> {
+    let (bytes, length) = (extent.head, extent.length);
+    let there = bytes.len() as u64;
+    let need = |needed: u64| if there < needed { Err(FormatError::TooShort { needed, length: there }) } else { Ok(()) };
     if !MAGIC.starts_with(&bytes[..bytes.len().min(MAGIC.len())]) {
         return Err(FormatError::BadMagic);
     }
@@ -260,13 +288,18 @@ fn parse_header(bytes: &[u8], report: Report<'_>) -> Result<((u16, u16), usize)>
 }
 
 /// Checks that a section begins at the first boundary after `previous_end`; returns its end, if inside the file.
-fn check_place(bytes: &[u8], info: &SectionInfo, previous_end: Option<u64>, report: Report<'_>) -> Result<Option<u64>> {
-    let length = bytes.len() as u64;
+fn check_place(
+    extent: &Extent<'_>,
+    info: &SectionInfo,
+    previous_end: Option<u64>,
+    report: Report<'_>,
+) -> Result<Option<u64>> {
+    let length = extent.length;
     if let Some(previous_end) = previous_end {
         let expected = align(previous_end).unwrap_or(u64::MAX);
         if info.offset != expected {
             report(FormatError::Offset { tag: info.tag, offset: info.offset, expected })?;
-        } else if expected <= length {
+        } else if let Some(bytes) = extent.whole.filter(|_| expected <= length) {
             check_zero(bytes, previous_end as usize, expected as usize, "padding").or_else(&mut *report)?;
         }
     }
@@ -285,7 +318,7 @@ fn check_zero(bytes: &[u8], from: usize, to: usize, place: &'static str) -> Resu
     }
 }
 
-fn decoding_cost(info: &SectionInfo) -> u64 {
+pub(crate) fn decoding_cost(info: &SectionInfo) -> u64 {
     let factor = if info.element == ElementType::Record { Budget::RECORD_FACTOR } else { 1 };
     info.decoded_bytes.saturating_mul(factor)
 }

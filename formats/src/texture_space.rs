@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::asset::{RawSection, pick};
-use crate::checks::invalid;
+use crate::checks::{invalid, samples};
 use crate::error::Result;
 use crate::types::{Codec, Kind};
 
@@ -21,6 +21,9 @@ pub mod tags {
 /// Least and largest number of texels along an edge.
 const RESOLUTIONS: std::ops::RangeInclusive<u32> = 16..=4096;
 
+/// Largest number of samples of a receiver.
+const MOST_COUNT: u32 = 1 << 20;
+
 /// Numbers of an asset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Numbers {
@@ -34,7 +37,12 @@ pub struct Numbers {
 
 fn validate(numbers: &Numbers) -> Result<()> {
     let Numbers { resolution, count, truth_samples } = *numbers;
-    match resolution.is_power_of_two() && RESOLUTIONS.contains(&resolution) && count > 0 && truth_samples > 0 {
+    samples(tags::NUMBERS, truth_samples)?;
+    match resolution.is_power_of_two()
+        && RESOLUTIONS.contains(&resolution)
+        && (1..=MOST_COUNT).contains(&count)
+        && truth_samples > 0
+    {
         true => Ok(()),
         false => invalid(tags::NUMBERS, format!("{resolution} texels, {count} and {truth_samples} samples")),
     }

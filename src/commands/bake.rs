@@ -1,6 +1,7 @@
 //! `translux bake MODEL -o A.tlux`.
 
-use std::path::PathBuf;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use serde::Serialize;
@@ -10,14 +11,19 @@ use super::console::Console;
 use super::model::ModelArgs;
 use super::output;
 use super::planning::{self, PlanOptions};
-use crate::asset::Asset;
-use crate::error::{ExitCode, Result};
-use crate::evaluate::Model;
+use super::rebuild::{self, BuildOptions};
+use crate::asset::{Asset, Provenance, REQUEST};
+use crate::error::{Error, ExitCode, Result};
+use crate::evaluate::{BakeSettings, Recipe};
 use crate::geometry::check::MeshCheck;
+use crate::import::Imported;
 use crate::io::atomic;
-use crate::plan::Plan;
+use crate::plan::{self, Plan, Request};
 use crate::report::bake::BakeReport;
+use crate::report::quality::missed_quality;
 use crate::report::sizes::sizes;
+use crate::report::text::{duration, megabytes};
+use crate::report::validation::examine;
 
 #[derive(Clone, Debug, Args)]
 pub(super) struct BakeArgs {
@@ -44,6 +50,8 @@ pub(super) struct BakeArgs {
     inside: Inside,
     #[command(flatten, next_help_heading = "Model of the light inside")]
     walks: WalkOptions,
+    #[command(flatten)]
+    build: BuildOptions,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -59,54 +67,188 @@ pub(super) fn run(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
         Inside::Dipole => args.walks.dipole(),
         Inside::Calibrated => args.walks.calibrated(),
     };
-    if args.method == planning::AUTO {
-        return planned(args, model?, console);
-    }
-    args.plan.refuse_for(&args.method)?;
-    let recipe = args.options.resolve(&args.method, model?, console)?;
-    let asked = Some(recipe.settings.max_rms);
+    let what = match args.method.as_str() {
+        planning::AUTO => What::Planned(args.plan.resolve(&args.options, model?)?),
+        method => {
+            args.plan.refuse_for(method)?;
+            What::Named(args.options.resolve(method, model?, console)?)
+        }
+    };
     output::check(std::slice::from_ref(&args.output), &["tlux"], console)?;
+    args.plan.check_report(&args.output)?;
+    args.build.check(&args.output)?;
+    let request = rebuild::request(&args.model, &what.of_method());
+    if args.build.is_current(&args.output, &request, &args.model, console)? {
+        return current(args, console);
+    }
     let imported = args.model.load(console)?;
+    if args.build.dry_run {
+        return forecast(&what, imported, console);
+    }
     let mesh = imported.check.clone();
-    let asset = baking::bake(recipe, imported, console)?;
-    let result = write(args, asset, mesh, console)?;
-    let verdict = console.judge(result.ledger.total_rms_without_environment(), asked);
-    console.report("bake", &result)?;
-    verdict
+    let (mut asset, plan) = match what {
+        What::Named(recipe) => (Some(baking::bake(recipe, imported, console)?), None),
+        What::Planned(wanted) => {
+            let (plan, asset) = planning::bake(&wanted, imported, request.clone(), console)?;
+            (asset, Some(plan))
+        }
+    };
+    // A plan's asset has it already, whose size is part of the plan.
+    if let Some(asset) = &mut asset {
+        asset.provenance.settings.insert(REQUEST.to_owned(), request);
+    }
+    finish(args, asset, (mesh, plan), console)
+}
+
+/// What is baked.
+enum What {
+    Named(Recipe),
+    Planned(Request),
+}
+
+impl What {
+    /// All of its settings as text.
+    fn of_method(&self) -> String {
+        match self {
+            Self::Named(Recipe { method, texts, settings, .. }) => {
+                let BakeSettings { samples, max_rms, for_lights, model, .. } = settings;
+                format!("{method} {texts:?} {samples:?} {max_rms} {for_lights:?} {model:?}")
+            }
+            Self::Planned(request) => format!("{request:?}"),
+        }
+    }
 }
 
 /// The report of a bake with the plan that it followed; without an asset the plan alone.
 #[derive(Serialize)]
-struct PlannedReport<'a> {
+struct BakedReport<'a> {
     #[serde(flatten)]
     bake: Option<BakeReport>,
-    plan: &'a Plan,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    plan: Option<&'a Plan>,
+    /// Whether the output is new: not where it misses what was asked for.
+    written: bool,
 }
 
-/// A plan, its asset if there is one, and its report; an error where the request is not met.
-fn planned(args: &BakeArgs, model: Model, console: &Console) -> Result<ExitCode> {
-    let request = args.plan.resolve(&args.options, model)?;
-    output::check(std::slice::from_ref(&args.output), &["tlux"], console)?;
-    args.plan.check_report(&args.output)?;
-    let imported = args.model.load(console)?;
-    let mesh = imported.check.clone();
-    let (plan, asset) = planning::bake(&request, imported, console)?;
-    let bake = asset.map(|asset| write(args, asset, mesh, console)).transpose()?;
-    plan.summary().iter().for_each(|line| console.note(line));
-    args.plan.write(&plan)?;
-    console.report("bake", &PlannedReport { bake, plan: &plan })?;
-    planning::verdict(&plan)
+/// Judges an asset, writes it where it is what was asked for, and reports it.
+fn finish(
+    args: &BakeArgs,
+    asset: Option<Asset>,
+    (mesh, plan): (MeshCheck, Option<Plan>),
+    console: &Console,
+) -> Result<ExitCode> {
+    let encoded = asset.map(|asset| console.stage("write", || Ok((asset.to_bytes()?, asset)))).transpose()?;
+    let mut verdict = plan.as_ref().map_or(Ok(ExitCode::Ok), planning::verdict);
+    if let (Some((bytes, asset)), Ok(_)) = (&encoded, &verdict) {
+        verdict = judged(args, bytes, asset, console);
+    }
+    let mut written = false;
+    if let Some((bytes, _)) = encoded.as_ref().filter(|_| verdict.is_ok() || args.build.keep_on_fail) {
+        console.stage("write", || atomic::write(&args.output, bytes))?;
+        args.build.write(&args.output, &args.model)?;
+        written = true;
+    }
+    let of_asset = |(bytes, asset): (Vec<u8>, Asset)| {
+        let report = BakeReport::new(args.output.clone(), asset, &sizes(&bytes)?, mesh);
+        console.note(&report.summary(console.seconds()));
+        Ok(report)
+    };
+    let bake = encoded.map(of_asset).transpose()?;
+    if let Some(plan) = &plan {
+        plan.summary().iter().for_each(|line| console.note(line));
+        args.plan.write(plan)?;
+    }
+    let is_there = bake.is_some();
+    console.report("bake", &BakedReport { bake, plan: plan.as_ref(), written })?;
+    verdict.map_err(|e| match is_there && !written {
+        true => Error::new(
+            e.code(),
+            format!("{}; {} is left as it was (--keep-on-fail writes it)", e.message(), args.output.display()),
+        ),
+        false => e,
+    })
 }
 
-/// Writes an asset and says what it is.
-fn write(args: &BakeArgs, asset: Asset, mesh: MeshCheck, console: &Console) -> Result<BakeReport> {
-    let sizes = console.stage("write", || -> Result<_> {
-        let bytes = asset.to_bytes()?;
-        let sizes = sizes(&bytes)?;
-        atomic::write(&args.output, &bytes)?;
-        Ok(sizes)
-    })?;
-    let result = BakeReport::new(args.output.clone(), asset, &sizes, mesh);
-    console.note(&result.summary(console.seconds()));
-    Ok(result)
+/// The verdict on an asset: with `--strict` that of `validate --strict`, else a warning where its errors are too large.
+fn judged(args: &BakeArgs, bytes: &[u8], asset: &Asset, console: &Console) -> Result<ExitCode> {
+    if console.global.strict {
+        let found = console.with_limits("raise --max-memory, or leave --strict out", |limits| {
+            examine(&args.output, bytes, (&console.registry, limits), console)
+        })?;
+        let messages: Vec<&str> = found.findings.iter().map(|finding| finding.message.as_str()).collect();
+        return match messages.as_slice() {
+            [] => Ok(ExitCode::Ok),
+            some => Err(Error::new(ExitCode::QualityNotMet, some.join("; "))),
+        };
+    }
+    let Provenance { settings, origin, .. } = &asset.provenance;
+    let asked = settings.get("max-rms").and_then(|text| text.parse().ok());
+    let missed = asked.and_then(|asked| missed_quality(&origin.notes, &asset.ledger, asked));
+    missed.iter().for_each(|line| console.warn(line));
+    Ok(ExitCode::Ok)
+}
+
+/// Report of a bake that was not needed.
+#[derive(Serialize)]
+struct CurrentReport<'a> {
+    #[serde(serialize_with = "crate::report::path")]
+    output: &'a Path,
+    written: bool,
+}
+
+/// Nothing is to be done, but for the verdict of `--strict`.
+fn current(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
+    args.build.write(&args.output, &args.model)?;
+    console.note(&format!("{}: of the same request and files; nothing to do", args.output.display()));
+    if console.global.strict {
+        let bytes = std::fs::read(&args.output).map_err(|e| Error::io(&args.output, &e))?;
+        judged(args, &bytes, &Asset::from_bytes_within(&bytes, console.budget())?, console)?;
+    }
+    console.report("bake", &CurrentReport { output: &args.output, written: false })
+}
+
+/// What a bake is expected to take.
+#[derive(Serialize)]
+struct ForecastReport {
+    dry_run: bool,
+    method: String,
+    settings: BTreeMap<String, String>,
+    /// Largest memory of the bake.
+    memory_bytes: u64,
+    /// Size of the file; none where the form cannot tell.
+    bytes: Option<f64>,
+    /// Time on two cores of an AMD EPYC (Zen 5), the choice of a plan apart; none where the form cannot tell.
+    seconds: Option<f64>,
+}
+
+/// Says what a bake is expected to take.
+fn forecast(what: &What, imported: Imported, console: &Console) -> Result<ExitCode> {
+    let Imported { scene, origin, .. } = imported;
+    let chosen;
+    let recipe = match what {
+        What::Named(recipe) => recipe,
+        What::Planned(request) => {
+            chosen = planning::choose(request, &scene, origin.into(), console)?;
+            &chosen
+        }
+    };
+    let expected = recipe.form.forecast(&scene, &recipe.settings);
+    let mesh = plan::mesh_bytes(&scene)?;
+    let report = ForecastReport {
+        dry_run: true,
+        method: recipe.method.to_owned(),
+        settings: recipe.texts.clone(),
+        memory_bytes: recipe.bake_memory(&scene),
+        bytes: expected.as_ref().map(|expected| mesh as f64 + expected.bytes),
+        seconds: expected.as_ref().map(|expected| expected.bake_s),
+    };
+    let known = |text: Option<String>| text.unwrap_or_else(|| "unknown".to_owned());
+    console.say(&format!(
+        "{}: about {} of memory, a file of {}, {} on two cores of an AMD EPYC (Zen 5)",
+        report.method,
+        megabytes(report.memory_bytes),
+        known(report.bytes.map(|bytes| megabytes(bytes as u64))),
+        known(report.seconds.map(duration)),
+    ))?;
+    console.report("bake", &report)
 }

@@ -27,8 +27,11 @@ pub(super) struct CompareArgs {
 
 pub(super) fn run(args: &CompareArgs, console: &Console) -> Result<ExitCode> {
     let threshold = args.fail_above.as_deref().map(threshold).transpose()?;
+    for path in [&args.a, &args.b] {
+        opening::check_file(path, 2, console)?;
+    }
     let open = opening::within_memory(console);
-    let result = compare([&args.a, &args.b], args.metric, threshold, &open, console)?;
+    let result = compare([&args.a, &args.b], args.metric, threshold, (&open, console.budget()), console)?;
     result.notes.iter().for_each(|note| console.note(note));
     result.warnings.iter().for_each(|warning| console.warn(warning));
     console.say(&result.to_string())?;

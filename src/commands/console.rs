@@ -3,15 +3,18 @@
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
 use std::ops::RangeInclusive;
-use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
+use translux_format::Budget;
 
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Registry;
+use crate::evaluate::memory::Limits;
 use crate::math::simd::InstructionSet;
 use crate::progress::{Progress, stage};
 use crate::report::text::{megabytes, percent};
@@ -33,7 +36,7 @@ pub(super) struct Global {
     /// Worker threads (default: the processors that this process may use)
     #[arg(long, global = true, env = "TRANSLUX_THREADS", value_name = "N")]
     pub(super) threads: Option<usize>,
-    /// Memory that may be used, such as 4GiB or 800MB (default: 75 % of what there is)
+    /// Memory that may be used, such as 4GiB or 800MB (default: 75 % of what there is); what needs more is refused before the work
     #[arg(long, global = true, value_name = "SIZE")]
     max_memory: Option<String>,
     /// Widest instructions of the kernels: baseline, avx2, avx512. Results are the same.
@@ -50,21 +53,25 @@ pub(super) struct Console {
     pub(super) registry: Registry,
     state: Mutex<State>,
     started: Instant,
+    /// Whether a report has been printed as JSON.
+    reported: Arc<AtomicBool>,
 }
 
 struct State {
     bar: Option<ProgressBar>,
     stage: Option<(&'static str, Instant)>,
     times: Vec<StageTime>,
+    /// The most memory that any work was expected to take, bytes; 0 where nobody has estimated.
+    estimated_memory: u64,
     warnings: Vec<String>,
     /// Those of the warnings that are about quality.
     faults: Vec<String>,
 }
 
 impl Console {
-    pub(super) fn new(global: &Global, registry: Registry) -> Result<Self> {
+    pub(super) fn new(global: &Global, registry: Registry, reported: Arc<AtomicBool>) -> Result<Self> {
         let max_memory = match &global.max_memory {
-            Some(text) => parse_size("--max-memory", text)?,
+            Some(text) => parse_size("--max-memory", text, Unitless::Refused)?,
             None => available_memory() / 4 * 3,
         };
         Ok(Self {
@@ -75,11 +82,23 @@ impl Console {
                 bar: None,
                 stage: None,
                 times: Vec::new(),
+                estimated_memory: 0,
                 warnings: Vec::new(),
                 faults: Vec::new(),
             }),
             started: Instant::now(),
+            reported,
         })
+    }
+
+    /// Limit on what is decoded from a file.
+    pub(super) fn budget(&self) -> Budget {
+        Budget::bytes(self.max_memory)
+    }
+
+    /// Calls `work` with the limits on the memory of opening an asset; `advice` as in [`Self::check_memory`].
+    pub(super) fn with_limits<T>(&self, advice: &str, work: impl FnOnce(Limits<'_>) -> Result<T>) -> Result<T> {
+        work(Limits { budget: self.budget(), admit: &|more| self.check_memory(more, advice) })
     }
 
     fn state(&self) -> std::sync::MutexGuard<'_, State> {
@@ -140,14 +159,17 @@ impl Console {
         // Each lock is given back before the next: within one statement they would wait for each other.
         let stages = self.state().times.clone();
         let warnings = self.state().warnings.clone();
+        let estimated_memory_bytes = self.state().estimated_memory;
         let run = Run {
             seconds: self.seconds(),
             stages,
+            estimated_memory_bytes,
             peak_memory_bytes: peak_memory(),
             threads: rayon::current_num_threads(),
             warnings,
         };
         print_line(&json(command, report, &run)?)?;
+        self.reported.store(true, Ordering::Relaxed);
         Ok(ExitCode::Ok)
     }
 
@@ -173,8 +195,13 @@ impl Console {
         Ok(ExitCode::Ok)
     }
 
-    /// Refuses work that the memory limit does not allow; `advice` names the setting that would fit.
-    pub(super) fn check_memory(&self, needed: u64, advice: &str) -> Result<()> {
+    /// Refuses work that takes `more` than the process has now, if the memory limit does not allow it; `advice` names the setting that
+    /// would fit. The report tells what was needed.
+    pub(super) fn check_memory(&self, more: u64, advice: &str) -> Result<()> {
+        let needed = resident_memory().saturating_add(more);
+        let mut state = self.state();
+        state.estimated_memory = state.estimated_memory.max(needed);
+        drop(state);
         if needed <= self.max_memory {
             return Ok(());
         }
@@ -229,12 +256,26 @@ pub(super) fn print_line(text: &str) -> Result<()> {
     }
 }
 
+/// What a size without a unit is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Unitless {
+    /// Bytes.
+    Bytes,
+    /// A mistake: whoever types 300 means no bytes.
+    Refused,
+}
+
 /// A size as it is typed for an option, in bytes.
-pub(super) fn parse_size(flag: &str, text: &str) -> Result<u64> {
+pub(super) fn parse_size(flag: &str, text: &str, unitless: Unitless) -> Result<u64> {
     let trimmed = text.trim();
     let split = trimmed.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(trimmed.len());
     let (number, unit) = trimmed.split_at(split);
     let factor = match unit.to_ascii_lowercase().as_str() {
+        "" if unitless == Unitless::Refused => {
+            return Err(Error::command_line(format!(
+                "{flag} {text}: a unit is needed, as in {number}MB, {number}GiB or {number}B"
+            )));
+        }
         "" | "b" => 1.0,
         "k" | "kib" => 1024.0,
         "kb" => 1e3,
@@ -256,6 +297,11 @@ fn available_memory() -> u64 {
         .iter()
         .find_map(|p| std::fs::read_to_string(p).ok()?.trim().parse::<u64>().ok());
     proc_bytes("/proc/meminfo", "MemAvailable:").unwrap_or(8 << 30).min(group.unwrap_or(u64::MAX))
+}
+
+/// Resident size of this process, in bytes; 0 where the system does not report it.
+pub(super) fn resident_memory() -> u64 {
+    proc_bytes("/proc/self/status", "VmRSS:").unwrap_or(0)
 }
 
 /// Largest resident size of this process so far, in bytes; 0 where the system does not report it.
@@ -286,11 +332,14 @@ mod tests {
 
     #[test]
     fn sizes_are_read_with_their_units() {
-        assert_eq!(parse_size("--max-memory", "4GiB").unwrap(), 4 << 30);
-        assert_eq!(parse_size("--max-memory", "800MB").unwrap(), 800_000_000);
-        assert_eq!(parse_size("--max-memory", "1.5 k").unwrap(), 1536);
-        for bad in ["", "GiB", "-1GB", "4 parsecs", "nan"] {
-            assert!(parse_size("--max-memory", bad).is_err(), "{bad}");
+        let size = |text| parse_size("--max-memory", text, Unitless::Refused);
+        assert_eq!(size("4GiB").unwrap(), 4 << 30);
+        assert_eq!(size("800MB").unwrap(), 800_000_000);
+        assert_eq!(size("1.5 k").unwrap(), 1536);
+        assert_eq!(size("300B").unwrap(), 300);
+        for bad in ["", "GiB", "-1GB", "4 parsecs", "nan", "300"] {
+            assert!(size(bad).is_err(), "{bad}");
         }
+        assert_eq!(parse_size("--max-bytes", "300", Unitless::Bytes).unwrap(), 300);
     }
 }

@@ -9,8 +9,11 @@ mod console;
 mod demo;
 mod device;
 mod evaluate;
+mod failures;
 mod inspect;
+mod interrupts;
 mod lights;
+mod many;
 mod media;
 mod methods;
 mod model;
@@ -18,6 +21,7 @@ mod on_mesh;
 mod opening;
 mod output;
 mod planning;
+mod rebuild;
 mod reference;
 mod relight;
 mod render;
@@ -25,7 +29,8 @@ mod validate;
 mod view;
 
 use std::ffi::OsString;
-use std::io::Write;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
@@ -83,22 +88,19 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
 
 /// Runs the program with a registry of other methods and forms.
 pub fn run_with(registry: Registry, arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    // Where the command line is wrong nothing else says how errors are wanted.
+    let json = arguments.iter().any(|argument| argument == "--json");
     let parsed = command().try_get_matches_from(arguments).and_then(|m| Cli::from_arg_matches(&m));
     let cli = match parsed {
         Ok(cli) => cli,
-        Err(error) => {
-            // Help and version arrive as errors that are not errors; a closed pipe is nobody's fault.
-            let _ = error.print();
-            return if error.use_stderr() { ExitCode::CommandLine } else { ExitCode::Ok };
-        }
+        Err(error) => return failures::of_parser(&error, json),
     };
-    match dispatch(cli, registry) {
+    let reported = Arc::new(AtomicBool::new(false));
+    let outcome = failures::guarded(|| dispatch(cli, registry, Arc::clone(&reported)));
+    match outcome {
         Ok(code) => code,
-        Err(error) => {
-            // The exit code tells it too where standard error cannot be written.
-            let _ = writeln!(std::io::stderr(), "translux: {error}");
-            error.code()
-        }
+        Err(error) => failures::tell(&error, json && !reported.load(Ordering::Relaxed)),
     }
 }
 
@@ -109,8 +111,10 @@ fn command() -> clap::Command {
     Cli::command().after_help(format!("Exit codes:\n{}", codes.join("\n")))
 }
 
-fn dispatch(cli: Cli, registry: Registry) -> Result<ExitCode> {
-    let console = Console::new(&cli.global, registry)?;
+/// Runs a command; `reported` becomes true where it printed a report.
+fn dispatch(cli: Cli, registry: Registry, reported: Arc<AtomicBool>) -> Result<ExitCode> {
+    interrupts::watch()?;
+    let console = Console::new(&cli.global, registry, reported)?;
     if let Some(widest) = cli.global.instructions {
         widest.limit();
     }
@@ -119,9 +123,8 @@ fn dispatch(cli: Cli, registry: Registry) -> Result<ExitCode> {
         .num_threads(threads.unwrap_or(0))
         .build()
         .map_err(|e| Error::runtime(format!("the worker threads could not be started: {e}")))?;
-    watch_for_interrupts()?;
     if let Command::Relight(args) = &cli.command {
-        return relight::run(args, &console, std::sync::Arc::new(pool)).and_then(|code| console.verdict(code));
+        return relight::run(args, &console, Arc::new(pool)).and_then(|code| console.verdict(code));
     }
     let done = pool.install(|| match cli.command {
         Command::Bake(args) => bake::run(&args, &console),
@@ -140,20 +143,6 @@ fn dispatch(cli: Cli, registry: Registry) -> Result<ExitCode> {
         Command::Relight(_) => Ok(ExitCode::Ok),
     });
     done.and_then(|code| console.verdict(code))
-}
-
-/// On Ctrl-C and SIGTERM, removes unfinished files and ends the process with 130.
-#[expect(clippy::exit, reason = "an interrupt ends the process from a thread of its own")]
-fn watch_for_interrupts() -> Result<()> {
-    let handler = || {
-        crate::io::atomic::remove_unfinished();
-        let _ = writeln!(std::io::stderr(), "\ntranslux: interrupted; no file was left unfinished");
-        std::process::exit(130);
-    };
-    match ctrlc::set_handler(handler) {
-        Ok(()) | Err(ctrlc::Error::MultipleHandlers) => Ok(()),
-        Err(e) => Err(Error::runtime(format!("interrupts cannot be watched: {e}"))),
-    }
 }
 
 #[cfg(test)]

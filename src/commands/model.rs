@@ -11,7 +11,7 @@ use super::media::MediumArgs;
 use crate::error::Result;
 use crate::geometry::mesh::{Scale, UpAxis};
 use crate::geometry::parts::PartsRule;
-use crate::import::{ImportOptions, Imported, Source};
+use crate::import::{FAULT_NOTE, ImportOptions, Imported, Source};
 use crate::measure::between_vertices::between_vertices;
 use crate::report::text::{percent, significant};
 
@@ -64,11 +64,16 @@ enum Unit {
 }
 
 impl ModelArgs {
+    /// What is asked of the model, the files apart.
+    pub(super) fn options(&self) -> ImportOptions {
+        self.placement.options(&self.media)
+    }
+
     /// Reads the model and resolves its size, parts and media; prints warnings and notes on standard error.
     pub(super) fn load(&self, console: &Console) -> Result<Imported> {
-        let options = self.placement.options(&self.media);
+        let options = self.options();
         let source = Source::read(&self.model, &options.materials, console)?;
-        import(source, &options, console).map_err(|e| e.at(self.model.display()))
+        import(source, &options, console).map_err(|e| e.in_file(&self.model))
     }
 }
 
@@ -76,7 +81,7 @@ impl ModelArgs {
 pub(super) fn import(mut source: Source, options: &ImportOptions, console: &Console) -> Result<Imported> {
     // Before the import, which may fail for what they tell.
     std::mem::take(&mut source.model.warnings).iter().for_each(|warning| console.warn(warning));
-    let imported = source.import(options, console)?;
+    let mut imported = source.import(options, console)?;
     if let Some(choice) = imported.origin.notes.last().filter(|_| imported.check.components > 1) {
         console.note(choice);
     }
@@ -86,10 +91,13 @@ pub(super) fn import(mut source: Source, options: &ImportOptions, console: &Cons
         let error = between_vertices(&imported.scene, console)?;
         if error.rms > WORTH_A_WARNING {
             let [rms, worst] = [error.rms, error.worst].map(percent);
-            console.fault(&format!(
+            let fault = format!(
                 "what is drawn between vertices, linear over each triangle, is {rms} off at centroids and mid-edges (worst {worst}), under \
                  a few probe lights: refine the mesh, or render with --exitance pixels"
-            ));
+            );
+            console.fault(&fault);
+            // An asset keeps it, so that whoever validates that knows of it; the last note tells how components became parts.
+            imported.origin.notes.insert(0, format!("{FAULT_NOTE}{fault}"));
         }
     }
     let diagonal = imported.scene.mesh.diagonal_mm();

@@ -57,7 +57,7 @@ pub(super) fn run(
     }
     let placed = place(model, evaluator.scene(), provenance, console)?;
     evaluator.set_lights(lights.lights, console)?;
-    let result = placed.evaluate(evaluator.as_mut(), console).map_err(|e| e.at(model.display()))?;
+    let result = placed.evaluate(evaluator.as_mut(), console).map_err(|e| e.in_file(model))?;
     output::write(outputs, console, || {
         let mut comments = comments(&provenance.method, evaluator.scene(), &lights.text);
         comments.extend((model_of(provenance) != DIPOLE).then(|| CALIBRATED.to_owned()));
@@ -95,7 +95,7 @@ fn place(model: &Path, scene: &Scene, provenance: &Provenance, console: &Console
     warnings.iter().for_each(|warning| console.warn(warning));
     repairs.iter().for_each(|line| console.note(line));
     let placed = console.stage("place", || Placed::new(mesh, scene, mm_per_unit));
-    placed.map_err(|e| e.at(model.display()))
+    placed.map_err(|e| e.in_file(model))
 }
 
 /// Radiosity of the other mesh, and the difference between two ways of taking it from the asset.

@@ -1,16 +1,17 @@
 //! An asset opened for evaluation, with the materials that the command line asks for.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
+use translux_format::{Budget, Excerpt};
 
 use super::console::Console;
 use super::media::{MediumArgs, ProfileArg, without_transport};
 use crate::asset::{Asset, Provenance};
 use crate::error::{Error, Result};
 use crate::evaluate::{Evaluator, Registry};
-use crate::forms::density;
 use crate::report::text::significant;
 
 /// An asset and its materials.
@@ -45,20 +46,36 @@ pub(super) fn baked(asset: Asset, console: &Console) -> Result<Box<dyn Evaluator
     console.stage("prepare", || console.registry.open(Arc::new(asset)))
 }
 
+/// What to do where the memory limit does not allow an asset.
+pub(super) const FEWER: &str = "raise --max-memory, or bake a smaller asset";
+
+/// Refuses a file whose content would take more memory than is allowed, before it is read: `copies` of what is decoded beside its bytes.
+/// What is no asset is told by whoever reads it.
+pub(super) fn check_file(path: &Path, copies: u64, console: &Console) -> Result<()> {
+    let Some(found) =
+        File::open(path).ok().and_then(|mut file| Excerpt::read(&mut file, console.budget(), |_| false).ok())
+    else {
+        return Ok(());
+    };
+    let decoded = found.directory().iter().map(|info| info.decoded_bytes).fold(0, u64::saturating_add);
+    let needed = found.length().saturating_add(decoded.saturating_mul(copies));
+    console.check_memory(needed, FEWER).map_err(|e| e.in_file(path))
+}
+
 /// Makes the evaluators of assets after a check of their memory.
 pub(super) fn within_memory(console: &Console) -> impl Fn(&Arc<Asset>, &Path) -> Result<Box<dyn Evaluator>> {
     |asset, path| {
-        let form = console.registry.form(asset).map_err(|e| e.at(path.display()))?;
-        let needed = density::memory(asset.samples.len(), &asset.scene);
-        console.check_memory(needed, "raise --max-memory, or bake with fewer --samples")?;
-        console.stage("prepare", || form.open(Arc::clone(asset))).map_err(|e| e.at(path.display()))
+        let form = console.registry.form(asset).map_err(|e| e.in_file(path))?;
+        console.check_memory(form.run_memory(asset), FEWER).map_err(|e| e.in_file(path))?;
+        console.stage("prepare", || form.open(Arc::clone(asset))).map_err(|e| e.in_file(path))
     }
 }
 
 impl AssetArgs {
     /// Reads the asset and puts the materials in force.
     pub(super) fn open(&self, console: &Console) -> Result<Opened> {
-        let asset = Arc::new(console.stage("open", || self.read(&console.registry, &self.asset))?);
+        check_file(&self.asset, 1, console)?;
+        let asset = Arc::new(console.stage("open", || self.read(&console.registry, &self.asset, console.budget()))?);
         let mut evaluator = within_memory(console)(&asset, &self.asset)?;
         if let Some(media) = self.media.choice().of_scene(evaluator.scene())? {
             evaluator.set_media(media)?;
@@ -69,10 +86,10 @@ impl AssetArgs {
     }
 
     /// Reads an asset; the asset of these arguments is resized where another size is asked for.
-    fn read(&self, registry: &Registry, path: &Path) -> Result<Asset> {
-        let asset = Asset::read(path)?;
+    fn read(&self, registry: &Registry, path: &Path, budget: Budget) -> Result<Asset> {
+        let asset = Asset::read_within(path, budget)?;
         let Some(size_mm) = self.size_mm.filter(|_| path == self.asset) else { return Ok(asset) };
-        if registry.form(&asset).map_err(|e| e.at(path.display()))?.holds_transport() {
+        if registry.form(&asset).map_err(|e| e.in_file(path))?.holds_transport() {
             let (path, baked) = (path.display(), asset.scene.mesh.diagonal_mm());
             return Err(Error::unsupported(format!(
                 "{path}: --size-mm {size_mm}: the transport of `{}` was computed for {} mm; bake again with that size, or with \
@@ -100,7 +117,7 @@ impl AssetArgs {
         path: &Path,
         profile: Option<&crate::medium::profiles::model::LoadedProfile>,
     ) -> Result<Box<dyn Evaluator>> {
-        let mut evaluator = registry.open(Arc::new(self.read(registry, path)?))?;
+        let mut evaluator = registry.open(Arc::new(self.read(registry, path, Budget::default())?))?;
         if let Some(profile) = profile {
             evaluator.set_profile(profile.clone())?;
         }

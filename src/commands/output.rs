@@ -25,18 +25,24 @@ pub(super) fn check(outputs: &[PathBuf], suffixes: &[&str], console: &Console) -
             return Err(Error::command_line(format!("-o {path}: the name must end in {known}")));
         }
         if path.is_dir() {
-            return Err(Error::new(ExitCode::Io, format!("-o {}: is a folder", path.display())));
+            return Err(Error::new(ExitCode::Io, format!("-o {}: is a folder", path.display())).of_file(path));
         }
         let folder = match path.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
         };
         if !folder.is_dir() {
-            let (path, folder) = (path.display(), folder.display());
-            return Err(Error::new(ExitCode::Io, format!("-o {path}: there is no folder {folder}")));
+            let message = format!("-o {}: there is no folder {}", path.display(), folder.display());
+            return Err(Error::new(ExitCode::Io, message).of_file(path));
         }
+        probe("-o", path)?;
     }
     Ok(())
+}
+
+/// Tries whether a file can be written that an option names, before the work that fills it.
+pub(super) fn probe(option: &str, path: &Path) -> Result<()> {
+    atomic::probe(path).map_err(|e| Error::new(e.code(), format!("{option} {}", e.message())).of_file(path))
 }
 
 /// Writes the same bytes to every output; without outputs the bytes are not made.

@@ -5,17 +5,19 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::baking::{BakeOptions, light_kinds};
-use super::console::{Console, parse_size};
-use crate::asset::Asset;
+use super::console::{Console, Unitless, parse_size, resident_memory};
+use super::output::probe;
+use crate::asset::{Asset, Provenance, REQUEST};
 use crate::error::{Error, ExitCode, Result};
-use crate::evaluate::Model;
 use crate::evaluate::keys::share;
+use crate::evaluate::{Model, Recipe};
 use crate::forms::gathered::uncalibrated;
 use crate::import::Imported;
 use crate::import::file::suffix;
 use crate::io::atomic;
 use crate::plan::{self, DEFAULT_MAX_RMS, Edits, Plan, Planned, Request, Setting};
 use crate::report::text::percent;
+use crate::scene::Scene;
 
 /// Name of the method that stands for a plan.
 pub(super) const AUTO: &str = "auto";
@@ -105,7 +107,11 @@ impl PlanOptions {
                 Some(Edit::Any) => Edits::Any,
             },
             max_bytes_per_vertex: positive("--max-bytes-per-vertex", self.max_bytes_per_vertex)?,
-            max_bytes: self.max_bytes.as_deref().map(|text| parse_size("--max-bytes", text)).transpose()?,
+            max_bytes: self
+                .max_bytes
+                .as_deref()
+                .map(|text| parse_size("--max-bytes", text, Unitless::Bytes))
+                .transpose()?,
             max_relight_ms: positive("--max-relight-ms", self.max_relight_ms)?,
             max_bake_s: positive("--max-bake-s", self.max_bake_s)?,
             max_rms_may_grow: options.max_rms.is_none(),
@@ -120,12 +126,10 @@ impl PlanOptions {
         if suffix(path) != "json" {
             return Err(Error::command_line(format!("--report {}: the name must end in .json", path.display())));
         }
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        if path.is_dir() || !folder.is_dir() || path == asset {
-            let what = format!("--report {}: no file can be written there", path.display());
-            return Err(Error::new(ExitCode::Io, what));
+        if path == asset {
+            return Err(Error::command_line(format!("--report {}: that is the asset", path.display())));
         }
-        Ok(())
+        probe("--report", path)
     }
 
     /// Writes the plan where it is asked for.
@@ -137,9 +141,20 @@ impl PlanOptions {
 }
 
 /// Plans and bakes an imported model; the plan, and its asset if there is one.
-pub(super) fn bake(request: &Request, imported: Imported, console: &Console) -> Result<(Plan, Option<Asset>)> {
+pub(super) fn bake(
+    request: &Request,
+    imported: Imported,
+    hash: String,
+    console: &Console,
+) -> Result<(Plan, Option<Asset>)> {
     let Imported { scene, origin, .. } = imported;
-    let setting = Setting { registry: &console.registry, provenance: origin.into(), max_memory: console.max_memory };
+    let mut provenance = Provenance::from(origin);
+    provenance.settings.insert(REQUEST.to_owned(), hash);
+    let setting = Setting {
+        registry: &console.registry,
+        provenance,
+        max_memory: console.max_memory.saturating_sub(resident_memory()),
+    };
     let Planned { mut plan, asset } = plan::bake(request, &scene, &setting, console)?;
     plan.judge_times(console.seconds());
     if let Some(default) = plan.relaxed().filter(|_| asset.is_some()) {
@@ -152,6 +167,17 @@ pub(super) fn bake(request: &Request, imported: Imported, console: &Console) -> 
         console.warn(&format!("part `{part}` is not closed: it keeps its dipole, which needs no volume"));
     }
     Ok((plan, asset))
+}
+
+/// The recipe that a plan would bake first.
+pub(super) fn choose(request: &Request, scene: &Scene, origin: Provenance, console: &Console) -> Result<Recipe> {
+    let setting = Setting {
+        registry: &console.registry,
+        provenance: origin,
+        max_memory: console.max_memory.saturating_sub(resident_memory()),
+    };
+    let missed = || Error::new(ExitCode::QualityNotMet, "nothing that could be baked is expected to meet the request");
+    plan::choose(request, scene, &setting, console)?.ok_or_else(missed)
 }
 
 /// The verdict on a plan: an error where it misses the request.

@@ -107,7 +107,7 @@ fn monte_carlo(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     output::check(&args.output, &["ply"], console)?;
     let lights = args.lights.load(console)?;
     let Imported { scene, check, .. } = args.model.load(console)?;
-    check_closed(&scene, &check).map_err(|e| e.at(args.model.model.display()))?;
+    check_closed(&scene, &check).map_err(|e| e.in_file(&args.model.model))?;
     console.check_memory(exitance::memory(scene.domain()), "raise --max-memory")?;
     // Photons start from points of the surface, not from samples of it.
     warn_of_places(&scene, &lights.lights, 0, console);

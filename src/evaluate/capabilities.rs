@@ -11,6 +11,12 @@ pub struct Capabilities {
     pub source_fields: SourceFields,
 }
 
+impl Capabilities {
+    /// Those of transport that is baked in.
+    pub const NONE: Self =
+        Self { material: MaterialEdit::None, profile: ProfileEdit::None, source_fields: SourceFields::None };
+}
+
 /// Material properties that may change without a new bake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]

@@ -10,8 +10,11 @@ use serde::de::DeserializeOwned;
 use translux_format::metadata::tags;
 use translux_format::{Codec, FormatError, Kind, RawSection, Tag};
 
+use super::capabilities::Capabilities;
 use super::evaluator::Evaluator;
 use super::forecast::Forecast;
+use super::guarded::Guarded;
+use super::memory;
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
@@ -140,8 +143,19 @@ pub trait Form: Serialize + DeserializeOwned + Send + Sync + 'static {
         model == Model::Dipole
     }
 
+    /// The edits that the evaluators of an asset allow in the media that it was baked with, told by which sections there are; none where
+    /// only an evaluator knows.
+    fn edits(&self, _has: &dyn Fn(Tag) -> bool) -> Option<Capabilities> {
+        None
+    }
+
     /// Memory that a bake of this scene takes, in bytes, estimated before the work.
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64;
+
+    /// Memory that the evaluator of an asset and its answer to a light take beside the asset, in bytes, estimated before the work.
+    fn run_memory(&self, asset: &Asset) -> u64 {
+        memory::of_evaluator(asset)
+    }
 
     /// What an asset of this scene is expected to cost, estimated before the work; none where nobody has found out.
     fn forecast(&self, _scene: &Scene, _settings: &BakeSettings) -> Option<Forecast> {
@@ -181,8 +195,14 @@ pub trait AnyForm: Any + Send + Sync {
     /// See [`Form::serves`].
     fn serves(&self, model: Model) -> bool;
 
+    /// See [`Form::edits`].
+    fn edits(&self, has: &dyn Fn(Tag) -> bool) -> Option<Capabilities>;
+
     /// See [`Form::bake_memory`].
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64;
+
+    /// See [`Form::run_memory`].
+    fn run_memory(&self, asset: &Asset) -> u64;
 
     /// See [`Form::forecast`].
     fn forecast(&self, scene: &Scene, settings: &BakeSettings) -> Option<Forecast>;
@@ -223,8 +243,16 @@ impl<F: Form> AnyForm for F {
         Form::serves(self, model)
     }
 
+    fn edits(&self, has: &dyn Fn(Tag) -> bool) -> Option<Capabilities> {
+        Form::edits(self, has)
+    }
+
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
         Form::bake_memory(self, scene, settings)
+    }
+
+    fn run_memory(&self, asset: &Asset) -> u64 {
+        Form::run_memory(self, asset)
     }
 
     fn forecast(&self, scene: &Scene, settings: &BakeSettings) -> Option<Forecast> {
@@ -236,7 +264,7 @@ impl<F: Form> AnyForm for F {
     }
 
     fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
-        Form::open(self, asset)
+        Form::open(self, asset).map(Guarded::of)
     }
 }
 

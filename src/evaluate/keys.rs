@@ -236,11 +236,14 @@ impl Keys {
     /// All keys of a method with the given values or their defaults.
     ///
     /// # Errors
-    /// Command line: a key that the method does not have; a text that is no value of its key.
+    /// Command line: a key that the method does not have or that is given twice; a text that is no value of its key.
     pub fn new(method: &'static str, keys: &[&'static dyn AnyKey], given: &[(String, String)]) -> Result<Self> {
         let defaults: BTreeMap<_, _> = keys.iter().map(|key| (key.name(), key.default())).collect();
         let mut values: BTreeMap<_, _> = defaults.iter().map(|(name, text)| (*name, (*text).to_owned())).collect();
-        for (name, text) in given {
+        for (index, (name, text)) in given.iter().enumerate() {
+            if let Some((_, other)) = given[..index].iter().find(|(other, _)| other == name) {
+                return Err(Error::command_line(format!("--set {name}: given twice, as {other} and as {text}")));
+            }
             let Some(key) = keys.iter().find(|key| key.name() == name) else {
                 let names: Vec<&str> = keys.iter().map(|key| key.name()).collect();
                 let names = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
@@ -339,6 +342,8 @@ mod tests {
             assert_eq!(error.code(), ExitCode::CommandLine);
             assert!(error.message().contains(name) && error.message().contains("is needed"), "{error}");
         }
+        let twice = keys(&[("rays", "4"), ("size", "2"), ("rays", "8")]).err().unwrap();
+        assert!(twice.message().contains("--set rays: given twice, as 4 and as 8"), "{twice}");
         let unknown = keys(&[("colour", "1")]).err().unwrap();
         assert!(unknown.message().contains("`toy` has no such key; its keys: kind, size, rays"), "{unknown}");
     }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use translux_format::RawSection;
 use translux_format::metadata::tags;
 
 use super::evaluator::Evaluator;
@@ -146,7 +147,7 @@ impl Recipe {
     pub fn bake(&self, scene: Scene, mut provenance: Provenance, progress: &dyn Progress) -> Result<Asset> {
         let parts = self.form.bake(&scene, &self.settings.with_probes_of_kinds(), progress)?;
         provenance.method = self.method.to_owned();
-        provenance.settings = self.texts.clone();
+        provenance.settings.extend(self.texts.clone());
         let kinds: Vec<&str> = self.settings.for_lights.iter().map(|kind| kind.name()).collect();
         provenance.settings.extend([
             ("max-rms".to_owned(), self.settings.max_rms.to_string()),
@@ -214,8 +215,16 @@ impl Registry {
     /// # Errors
     /// Invalid input: no record of them, or one out of range; unsupported: a form that is not here.
     pub fn form(&self, asset: &Asset) -> Result<Box<dyn AnyForm>> {
+        self.form_of(&asset.sections)
+    }
+
+    /// The form that some sections name.
+    ///
+    /// # Errors
+    /// As [`Self::form`].
+    pub fn form_of(&self, sections: &[RawSection]) -> Result<Box<dyn AnyForm>> {
         let section = |tag| {
-            asset.sections.iter().find(|section| section.tag == tag).ok_or_else(|| {
+            sections.iter().find(|section| section.tag == tag).ok_or_else(|| {
                 Error::input(format!("an asset without section {tag}, which says how to read it; bake it again"))
             })
         };

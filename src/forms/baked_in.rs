@@ -14,7 +14,7 @@ use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::inter_reflection::Outside;
 use crate::evaluate::single_scattering::{LitScene, TowardsEye, Traced};
 use crate::evaluate::stages::worst_and_unseen;
-use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, SingleScattering, SourceFields};
+use crate::evaluate::{Capabilities, Cost, Evaluator, SingleScattering};
 #[cfg(feature = "gpu")]
 use crate::evaluate::{DeviceEvaluator, device::Device};
 use crate::geometry::bvh::Bvh;
@@ -296,7 +296,7 @@ impl<S: Stored> BakedIn<S> {
 
 impl<S: Stored + 'static> Evaluator for BakedIn<S> {
     fn capabilities(&self) -> Capabilities {
-        Capabilities { material: MaterialEdit::None, profile: ProfileEdit::None, source_fields: SourceFields::None }
+        Capabilities::NONE
     }
 
     fn cost(&self) -> Cost {

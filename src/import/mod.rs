@@ -22,7 +22,7 @@
 pub mod file;
 pub mod materials;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use self::file::{Input, files_of, read_model};
 use self::materials::MaterialChoice;
@@ -35,6 +35,9 @@ use crate::geometry::source::SourceModel;
 use crate::medium::material::Medium;
 use crate::progress::{Progress, stage};
 use crate::scene::Scene;
+
+/// What notes begin with that tell of something for which results are wrong or poor.
+pub const FAULT_NOTE: &str = "fault: ";
 
 /// Unit, media, parts and roles that turn a source into a scene.
 #[derive(Clone, Debug, Default)]
@@ -97,7 +100,7 @@ pub struct Imported {
 /// # Errors
 /// Errors of [`Source::read`] and [`Source::import`]; the message starts with the path.
 pub fn load(path: &Path, options: &ImportOptions, progress: &dyn Progress) -> Result<Imported> {
-    Source::read(path, &options.materials, progress)?.import(options, progress).map_err(|e| e.at(path.display()))
+    Source::read(path, &options.materials, progress)?.import(options, progress).map_err(|e| e.in_file(path))
 }
 
 /// Reads another mesh in a known unit, such as a coarser level of detail of a scene's object. Returns it with the
@@ -110,8 +113,16 @@ pub fn load_mesh(path: &Path, mm_per_unit: f64, progress: &dyn Progress) -> Resu
     let warnings = std::mem::take(&mut model.warnings);
     let mesh = resolve_scale(&model, Some(Scale::MillimetresPerUnit(mm_per_unit)))
         .and_then(|placement| Mesh::from_source(model, &placement));
-    let (mesh, repairs) = mesh.map_err(|e| e.at(path.display()))?;
+    let (mesh, repairs) = mesh.map_err(|e| e.in_file(path))?;
     Ok((mesh, [warnings, repairs.lines()]))
+}
+
+/// Every file that a scene depends on: the model, what it refers to, material files.
+///
+/// # Errors
+/// A glTF file that cannot be read.
+pub fn dependencies(model: &Path, materials: &MaterialChoice) -> Result<Vec<PathBuf>> {
+    Ok(files_of(model)?.into_iter().chain(materials.files()).collect())
 }
 
 impl Source {
@@ -120,9 +131,9 @@ impl Source {
     /// # Errors
     /// I/O, an invalid or unsupported file; the message starts with its path.
     pub fn read(path: &Path, materials: &MaterialChoice, progress: &dyn Progress) -> Result<Self> {
-        let model = stage(progress, "import", || read_model(path))?;
-        let files = files_of(path)?.into_iter().chain(materials.files());
-        let inputs = files.map(|file| Input::read(&file)).collect::<Result<_>>()?;
+        let model = stage(progress, "import", || read_model(path)).map_err(|e| e.of_file(path))?;
+        let files = dependencies(path, materials)?;
+        let inputs = files.iter().map(|file| Input::read(file)).collect::<Result<_>>()?;
         Ok(Self { model, inputs })
     }
 
@@ -145,7 +156,7 @@ impl Source {
             let check = check::check(&mesh, &analysis, &repairs, Some(&free_paths));
             let mut notes = repairs.lines();
             notes.extend(analysis.parts.parts.iter().filter_map(Part::turned));
-            notes.extend(check.faults());
+            notes.extend(check.faults().into_iter().map(|fault| format!("{FAULT_NOTE}{fault}")));
             notes.push(analysis.parts.description());
             let parts = PartTable::of(&mesh, &analysis.parts);
             Ok((Scene { mesh, parts, media }, check, notes))

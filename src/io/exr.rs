@@ -38,7 +38,7 @@ pub struct ExrPlane {
 /// # Errors
 /// A file that cannot be read (exit 2), is damaged (exit 3), has deep or subsampled data or too many pixels (exit 5).
 pub fn read_exr_channels(path: &Path) -> Result<Vec<ExrPlane>> {
-    read_capped(path).and_then(|bytes| decode_planes(&bytes).map_err(|e| e.at(path.display())))
+    read_capped(path).and_then(|bytes| decode_planes(&bytes).map_err(|e| e.in_file(path)))
 }
 
 /// Like [`read_exr_channels`], from bytes.

@@ -130,7 +130,7 @@ fn check_radiosity(ply: &RadiosityPly) -> Result<()> {
 /// I/O where the file cannot be read; otherwise as [`parse_ply`].
 pub fn read_ply(path: &Path) -> Result<PlyVertexTable> {
     let bytes = std::fs::read(path).map_err(|error| Error::io(path, &error))?;
-    parse_ply(&bytes, &path.display().to_string())
+    parse_ply(&bytes, &path.display().to_string()).map_err(|error| error.of_file(path))
 }
 
 /// Parses the bytes of a PLY file; `name` stands in front of every error. The scalars of `vertex` and the vertex

@@ -62,7 +62,7 @@ fn quantise(value: f64) -> u8 {
 /// # Errors
 /// A file that cannot be read (exit 2), is damaged (exit 3) or has too many pixels (exit 5).
 pub fn read_png(path: &Path) -> Result<PngImage> {
-    read_capped(path).and_then(|bytes| decode_png(&bytes).map_err(|e| e.at(path.display())))
+    read_capped(path).and_then(|bytes| decode_png(&bytes).map_err(|e| e.in_file(path)))
 }
 
 /// Like [`read_png`], from bytes.

@@ -113,7 +113,7 @@ pub(super) fn read_text(path: &Path, kind: &str, most_mib: u64) -> Result<String
     let file = std::fs::File::open(path).map_err(|error| Error::io(path, &error))?;
     let mut bytes = Vec::new();
     file.take((most_mib << 20) + 1).read_to_end(&mut bytes).map_err(|error| Error::io(path, &error))?;
-    let wrong = |what: &str| Error::input(format!("{what}, so this is no {kind}")).at(path.display());
+    let wrong = |what: &str| Error::input(format!("{what}, so this is no {kind}")).in_file(path);
     if bytes.len() as u64 > most_mib << 20 {
         return Err(wrong(&format!("longer than {most_mib} MiB")));
     }

@@ -17,7 +17,9 @@ mod verdict;
 
 use std::time::Instant;
 
-use self::candidates::Candidates;
+use translux_format::RawSection;
+
+use self::candidates::{Candidate, Candidates};
 use self::choice::Choice;
 use self::lights::{Purpose, lights};
 pub use self::record::{Attempt, Considered, Expected, Left, Plan, SCHEMA, Timings};
@@ -27,8 +29,8 @@ use self::verdict::{Verdict, misses};
 use crate::asset::{Asset, Provenance};
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
-use crate::evaluate::Registry;
 use crate::evaluate::forecast::Body;
+use crate::evaluate::{Recipe, Registry};
 use crate::geometry::samples::Samples;
 use crate::measure::probes::for_bake;
 use crate::progress::Progress;
@@ -70,23 +72,9 @@ pub struct Setting<'a> {
 /// Failures of the work. A request that cannot be met is none: the plan says so.
 pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn Progress) -> Result<Planned> {
     let started = Instant::now();
-    let found = Candidates::new(setting.registry, request, scene, (mesh_bytes(scene)?, setting.max_memory));
-    let Candidates { mut all, considered, families } = found;
-    let mut plan = Plan::new(request, Body::of(scene), considered);
-    let mut probes = for_bake(&scene.mesh);
-    for lights in [&mut probes.tuning, &mut probes.unseen] {
-        lights.retain(|light| request.for_lights.contains(&light.kind()));
-    }
-    all.iter_mut().for_each(|candidate| candidate.recipe.settings.probes.clone_from(&probes));
-
-    let seen = telling(lights(scene, &request.for_lights, Purpose::Choice)?, scene);
-    let seen = (seen, Places::new(scene, PLACES, 0));
-    let samples = true_samples(scene, request.max_rms, judged_by_a_choice(scene, request.model));
-    let kernels = kernels_of(request.model, scene, progress)?;
-    all.iter_mut().for_each(|candidate| candidate.recipe.settings.kernels.clone_from(&kernels));
-    let truth = Truth::new(scene, seen, samples, &kernels, progress)?;
+    let Prepared { all, families, mut plan, kernels, truth, samples } = prepared(request, scene, setting, progress)?;
     let mut sampling = Sampling::new(scene, &kernels, (truth, samples), &request.for_lights);
-    let mut choice = Choice::new(&all, request, families.len());
+    let mut choice = Choice::new(&all, request, families);
     let mut verdict: Option<Verdict> = None;
     let mut kept: Option<(Asset, f64)> = None;
     let mut met = false;
@@ -131,8 +119,52 @@ pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
     Ok(Planned { plan, asset })
 }
 
+/// The recipe that [`bake`] would bake first; none where nothing is expected to meet the request.
+///
+/// # Errors
+/// Failures of the work.
+pub fn choose(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn Progress) -> Result<Option<Recipe>> {
+    let Prepared { all, families, mut plan, kernels, truth, samples } = prepared(request, scene, setting, progress)?;
+    let mut sampling = Sampling::new(scene, &kernels, (truth, samples), &request.for_lights);
+    let next = Choice::new(&all, request, families).next(&mut plan.considered, &mut sampling)?;
+    Ok(next.and_then(|index| all.into_iter().nth(index)).map(|candidate| candidate.recipe))
+}
+
+/// What a choice is made among, and the truth that it measures by.
+struct Prepared {
+    all: Vec<Candidate>,
+    families: usize,
+    plan: Plan,
+    kernels: Vec<RawSection>,
+    truth: Truth,
+    samples: usize,
+}
+
+fn prepared(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn Progress) -> Result<Prepared> {
+    let found = Candidates::new(setting.registry, request, scene, (mesh_bytes(scene)?, setting.max_memory));
+    let Candidates { mut all, considered, families } = found;
+    let plan = Plan::new(request, Body::of(scene), considered);
+    let mut probes = for_bake(&scene.mesh);
+    for lights in [&mut probes.tuning, &mut probes.unseen] {
+        lights.retain(|light| request.for_lights.contains(&light.kind()));
+    }
+    let seen = telling(lights(scene, &request.for_lights, Purpose::Choice)?, scene);
+    let seen = (seen, Places::new(scene, PLACES, 0));
+    let samples = true_samples(scene, request.max_rms, judged_by_a_choice(scene, request.model));
+    let kernels = kernels_of(request.model, scene, progress)?;
+    for candidate in &mut all {
+        candidate.recipe.settings.probes.clone_from(&probes);
+        candidate.recipe.settings.kernels.clone_from(&kernels);
+    }
+    let truth = Truth::new(scene, seen, samples, &kernels, progress)?;
+    Ok(Prepared { all, families: families.len(), plan, kernels, truth, samples })
+}
+
 /// What the mesh takes in a file, bytes: nothing that a method adds.
-fn mesh_bytes(scene: &Scene) -> Result<u64> {
+///
+/// # Errors
+/// A mesh that no file holds.
+pub fn mesh_bytes(scene: &Scene) -> Result<u64> {
     let asset = Asset {
         scene: scene.clone(),
         samples: Samples::new(&scene.mesh, &scene.parts, FEWEST),

@@ -2,7 +2,6 @@
 //! a scan.
 
 use std::collections::BTreeSet;
-use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 use serde::Serialize;
@@ -10,19 +9,20 @@ use translux_format::far_field::{self, FarField, Shape};
 use translux_format::profile_basis::{self, ProfileBasis};
 use translux_format::rows::{self, IrradianceRows};
 use translux_format::{
-    COMMON_TAGS, FormatError, LedgerEntry, Scan, Tag, VERSION_MAJOR, VERSION_MINOR, atlas, calibration,
-    distant_transport, filtered_normals, mesh, metadata, multilevel, parts, quantised_lights, quantised_values,
-    samples, scattering_lists, texture_space,
+    COMMON_TAGS, FormatError, Scan, Tag, VERSION_MAJOR, VERSION_MINOR, atlas, calibration, distant_transport,
+    filtered_normals, mesh, metadata, multilevel, parts, quantised_lights, quantised_values, samples, scattering_lists,
+    texture_space,
 };
 
-use super::text::percent;
-use crate::asset::{ALGORITHM_REVISION, Asset};
-use crate::compress::ledger::{BESIDE_RADIOSITY, ENVIRONMENT_STAGES};
+use super::quality::missed_quality;
+use crate::asset::{ALGORITHM_REVISION, REQUEST, entry_from_file};
+use crate::compress::ledger::Ledger;
 use crate::evaluate::Registry;
 use crate::evaluate::keys::share;
 use crate::geometry::mesh::Mesh;
 use crate::geometry::parts::inconsistent_edges;
 use crate::geometry::samples::{Facet, area};
+use crate::import::FAULT_NOTE;
 use crate::medium::entrance_basis::EntranceBasis;
 
 /// Severity of a finding: whether the asset can be used.
@@ -84,7 +84,7 @@ impl Finding {
         }
     }
 
-    fn new(kind: &FindingKind, section: Option<Tag>, message: String) -> Self {
+    pub(super) fn new(kind: &FindingKind, section: Option<Tag>, message: String) -> Self {
         let (number, name, severity) = (kind.number, kind.name, kind.severity);
         Self { number, name, severity, section: section.map(|tag| tag.to_string()), message }
     }
@@ -92,7 +92,7 @@ impl Finding {
 
 macro_rules! catalogue {
     ($($constant:ident = $number:literal $severity:ident $name:literal $meaning:literal;)*) => {
-        $(const $constant: FindingKind =
+        $(pub(super) const $constant: FindingKind =
             FindingKind { number: $number, severity: Severity::$severity, name: $name, meaning: $meaning };)*
         /// Every finding about assets that a reader accepts.
         pub const CATALOGUE: &[FindingKind] = &[$($constant),*];
@@ -101,7 +101,7 @@ macro_rules! catalogue {
 
 catalogue! {
     UNKNOWN_METHOD = 100 Error "UnknownMethod" "this build does not have the method of the asset";
-    REFUSED = 101 Error "Refused" "the method does not open the asset";
+    REFUSED = 101 Error "Refused" "the method does not open the asset, or what it stores is more than light could bring";
     MAX_RMS = 102 Error "MaxRms" "the setting max-rms is no share in (0, 1]";
     TERMS = 103 Error "Terms" "far field and basis have unlike numbers of functions";
     NO_SAMPLES = 104 Error "NoSamples" "light travels in a part that has no samples";
@@ -117,7 +117,8 @@ catalogue! {
     SETTINGS = 120 Warning "Settings" "the settings are not those that the method has";
     SAMPLE_COUNT = 121 Warning "SampleCount" "the setting samples is not the number of samples";
     NO_LEDGER = 122 Warning "NoLedger" "no stage has told its error";
-    QUALITY = 123 Warning "Quality" "the errors of the stages add up to more than was asked for";
+    QUALITY = 123 Warning "Quality" "the errors are larger than was asked for, or a plan's request is not met";
+    FAULT = 124 Warning "Fault" "the bake warned of something that makes results wrong or poor";
     UNKNOWN_SECTION = 130 Warning "UnknownSection" "this build does not know the section";
     NEWER_REVISION = 131 Warning "NewerRevision" "made by newer algorithms than those of this build";
     NEWER_VERSION = 132 Warning "NewerVersion" "a newer minor version of the format";
@@ -285,28 +286,18 @@ pub fn of_provenance(scan: &Scan, registry: &Registry) -> Vec<Finding> {
     }
     let setting = |key: &str| provenance.settings.iter().find(|(k, _)| k == key).map(|(_, value)| value.as_str());
     let max_rms = setting("max-rms").map(|text| (text, share(text, "max-rms")));
+    for fault in provenance.notes.iter().filter_map(|note| note.strip_prefix(FAULT_NOTE)) {
+        out.push(Finding::new(&FAULT, tag, fault.to_owned()));
+    }
     match (&max_rms, &scan.ledger) {
         (Some((text, Err(_))), _) => {
             let message = format!("the setting max-rms is `{text}`: a share such as 1% or 0.01 is needed");
             out.push(Finding::new(&MAX_RMS, tag, message));
         }
         (Some((_, Ok(asked))), Some(entries)) => {
-            let sum = |environment: bool| -> f64 {
-                let of_light = |e: &&LedgerEntry| {
-                    let stage = e.stage.as_str();
-                    !BESIDE_RADIOSITY.contains(&stage) && (environment || !ENVIRONMENT_STAGES.contains(&stage))
-                };
-                entries.iter().filter(of_light).map(|entry| entry.relative_rms).sum()
-            };
-            let (near, all) = (sum(false), sum(true));
-            if near > *asked {
-                let message = format!("errors of {} in all; {} were asked for", percent(near), percent(*asked));
-                out.push(Finding::new(&QUALITY, ledger, message));
-            } else if all > *asked {
-                let (all, asked) = (percent(all), percent(*asked));
-                let message = format!("errors of {all} in all under environments; {asked} were asked for");
-                out.push(Finding::new(&QUALITY, ledger, message));
-            }
+            let all = Ledger { entries: entries.iter().cloned().map(entry_from_file).collect() };
+            let missed = missed_quality(&provenance.notes, &all, *asked);
+            out.extend(missed.map(|message| Finding::new(&QUALITY, ledger, message)));
         }
         _ => {}
     }
@@ -332,8 +323,8 @@ fn of_method(provenance: &translux_format::Provenance, registry: &Registry) -> V
     let there: BTreeSet<&str> = provenance.settings.iter().map(|(key, _)| key.as_str()).collect();
     let list = |keys: BTreeSet<&str>| keys.into_iter().map(|key| format!("`{key}`")).collect::<Vec<_>>().join(", ");
     let mut out = Vec::new();
-    // Assets of the dipole do not say so.
-    let unknown = &(&there - &wanted) - &BTreeSet::from(["model"]);
+    // Assets of the dipole do not say so, and those that the library has baked had no command line.
+    let unknown = &(&there - &wanted) - &BTreeSet::from(["model", REQUEST]);
     let missing = &wanted - &there;
     if !missing.is_empty() {
         let message = format!("{} lacks the settings {}", method.name(), list(missing));
@@ -398,22 +389,6 @@ pub fn of_method_sections(scan: &Scan) -> Result<Vec<Finding>, Vec<FormatError>>
         out.push(Finding::new(&ANGLES, Some(rows::tags::FUNCTIONS), refused.message().to_owned()));
     }
     Ok(out)
-}
-
-/// Opens an asset without other findings, as every command does; returns a finding if that fails or the ledger is
-/// empty.
-pub fn of_opening(scan: &Scan, bytes: &[u8], registry: &Registry) -> Option<Finding> {
-    let method = registry.method(&scan.provenance.as_ref()?.method).ok()?;
-    let opened = Asset::from_bytes(bytes).and_then(|asset| {
-        // What stores no transport has lost nothing before it is evaluated.
-        let untold = asset.ledger.entries.is_empty() && registry.form(&asset)?.holds_transport();
-        registry.open(Arc::new(asset)).map(|_| untold)
-    });
-    match opened {
-        Err(refused) => Some(Finding::new(&REFUSED, None, format!("method {}: {refused}", method.name()))),
-        Ok(true) => Some(Finding::new(&NO_LEDGER, Some(metadata::tags::LEDGER), "the ledger is empty".to_owned())),
-        Ok(false) => None,
-    }
 }
 
 #[cfg(test)]

@@ -9,11 +9,12 @@
 //! # fn main() -> translux::error::Result<()> {
 //! let registry = translux::methods::built_in();
 //! let (asset, other) = (Path::new("head.tlux"), Path::new("before.tlux"));
-//! println!("{}", inspection::inspect(asset, &registry)?);
-//! assert_eq!(validation::validate(asset, &registry, &Silent)?.errors, 0);
+//! let limits = translux::evaluate::memory::Limits::none();
+//! println!("{}", inspection::inspect(asset, &registry, inspection::Depth::Directory, limits)?);
+//! assert_eq!(validation::validate(asset, &registry, limits, &Silent)?.errors, 0);
 //! let open = |asset: &Arc<_>, _: &Path| registry.open(Arc::clone(asset));
 //! let metric = comparison::Metric::Rms;
-//! assert!(!comparison::compare([asset, other], metric, Some(0.01), &open, &Silent)?.differs());
+//! assert!(!comparison::compare([asset, other], metric, Some(0.01), (&open, limits.budget), &Silent)?.differs());
 //! # Ok(())
 //! # }
 //! ```
@@ -26,7 +27,9 @@ pub mod findings;
 pub mod inspection;
 pub mod materials;
 pub(crate) mod methods;
+pub(crate) mod opened;
 pub(crate) mod picture;
+pub(crate) mod quality;
 pub(crate) mod radiosity_ply;
 pub mod sizes;
 pub(crate) mod text;
@@ -54,6 +57,8 @@ pub struct Run {
     pub seconds: f64,
     /// Stages in the order of their first start; one that ran several times has one entry with the sum.
     pub stages: Vec<StageTime>,
+    /// Memory that the work was expected to take, bytes, before it began; 0 for commands that estimate none.
+    pub estimated_memory_bytes: u64,
     /// Largest resident size of the process, bytes; 0 where the system does not report it.
     pub peak_memory_bytes: u64,
     /// Worker threads.

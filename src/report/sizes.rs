@@ -51,11 +51,16 @@ pub(super) struct SectionSize {
 /// # Errors
 /// Invalid input: bytes that are no asset.
 pub fn sizes(bytes: &[u8]) -> Result<Sizes> {
-    let reader = Reader::parse(bytes, Budget::default()).map_err(|e| Error::input(e.to_string()))?;
-    let mut result = Sizes { file: bytes.len() as u64, ..Sizes::default() };
+    let reader = Reader::parse(bytes, Budget::bytes(u64::MAX)).map_err(|e| Error::input(e.to_string()))?;
+    Ok(of_sections(bytes.len() as u64, reader.sections()))
+}
+
+/// Sizes of the sections of a file of a length.
+pub(super) fn of_sections(file: u64, sections: &[SectionInfo]) -> Sizes {
+    let mut result = Sizes { file, ..Sizes::default() };
     let rows = Kind::ALL.iter().map(|kind| {
         let mut row = KindSize { kind: kind.name(), sections: 0, stored_bytes: 0, decoded_bytes: 0 };
-        for section in reader.sections().iter().filter(|section| section.kind == *kind) {
+        for section in sections.iter().filter(|section| section.kind == *kind) {
             row.sections += 1;
             row.stored_bytes += section.stored_bytes;
             row.decoded_bytes += section.decoded_bytes;
@@ -84,6 +89,6 @@ pub fn sizes(bytes: &[u8]) -> Result<Sizes> {
         stored_bytes: section.stored_bytes,
         decoded_bytes: section.decoded_bytes,
     };
-    result.sections = reader.sections().iter().map(section).collect();
-    Ok(result)
+    result.sections = sections.iter().map(section).collect();
+    result
 }

@@ -4,12 +4,14 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
-use translux_format::{Budget, FormatError, Scan};
+use translux_format::{FormatError, Scan};
 
 use super::findings::{self, CATALOGUE, Finding, Severity};
+use super::opened;
 use super::text::table;
 use crate::error::{Error, Result};
 use crate::evaluate::Registry;
+use crate::evaluate::memory::Limits;
 use crate::progress::{Progress, stage};
 
 /// The findings about an asset.
@@ -32,39 +34,56 @@ pub struct Validation {
     pub findings: Vec<Finding>,
 }
 
-/// Validates a file; methods and forms that are not in the registry are findings.
+/// Validates a file; methods and forms that are not in the registry are findings, as is what the budget does not allow to decode.
 ///
 /// # Errors
 /// I/O; anything else that is wrong is a finding.
-pub fn validate(path: &Path, registry: &Registry, progress: &dyn Progress) -> Result<Validation> {
+pub fn validate(path: &Path, registry: &Registry, limits: Limits<'_>, progress: &dyn Progress) -> Result<Validation> {
     let bytes = std::fs::read(path).map_err(|e| Error::io(path, &e))?;
-    let scan = stage(progress, "read", || translux_format::scan(&bytes, Budget::default()));
-    let findings = stage(progress, "check", || find(&scan, &bytes, registry));
+    examine(path, &bytes, (registry, limits), progress)
+}
+
+/// Validates the bytes of a file; the path is for the report.
+///
+/// # Errors
+/// Run time: an evaluator that the limits do not admit.
+pub fn examine(
+    path: &Path,
+    bytes: &[u8],
+    (registry, limits): (&Registry, Limits<'_>),
+    progress: &dyn Progress,
+) -> Result<Validation> {
+    let scan = stage(progress, "read", || translux_format::scan(bytes, limits.budget));
+    let format_version = scan.version.map(|(major, minor)| format!("{major}.{minor}"));
+    let sections = scan.sections.len();
+    let findings = stage(progress, "check", || find(scan, bytes, (registry, limits)))?;
     let count = |severity| findings.iter().filter(|finding| finding.severity == severity).count();
     Ok(Validation {
         asset: path.to_owned(),
         bytes: bytes.len(),
-        format_version: scan.version.map(|(major, minor)| format!("{major}.{minor}")),
-        sections: scan.sections.len(),
+        format_version,
+        sections,
         errors: count(Severity::Error),
         finding_warnings: count(Severity::Warning),
         findings,
     })
 }
 
-fn find(scan: &Scan, bytes: &[u8], registry: &Registry) -> Vec<Finding> {
+fn find(scan: Scan, bytes: &[u8], (registry, limits): (&Registry, Limits<'_>)) -> Result<Vec<Finding>> {
     let mut out: Vec<Finding> = scan.errors.iter().map(Finding::of_format).collect();
-    out.extend(findings::of_version(scan, registry));
-    out.extend(findings::of_geometry(scan, registry));
-    out.extend(findings::of_provenance(scan, registry));
-    match findings::of_method_sections(scan) {
+    out.extend(findings::of_version(&scan, registry));
+    out.extend(findings::of_geometry(&scan, registry));
+    out.extend(findings::of_provenance(&scan, registry));
+    match findings::of_method_sections(&scan) {
         Ok(found) => out.extend(found),
         Err(errors) => out.extend(errors.iter().map(Finding::of_format)),
     }
-    if !out.iter().any(|finding| finding.severity == Severity::Error) {
-        out.extend(findings::of_opening(scan, bytes, registry));
+    // What was scanned goes before the asset is decoded once more.
+    let provenance = scan.provenance.filter(|_| !out.iter().any(|finding| finding.severity == Severity::Error));
+    if let Some(provenance) = provenance {
+        out.extend(opened::of_opening(&provenance, bytes, (registry, limits))?);
     }
-    out
+    Ok(out)
 }
 
 /// The catalogue of findings as text.

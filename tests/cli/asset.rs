@@ -196,7 +196,7 @@ fn edits_by_name_stay_where_they_belong() {
 fn inspect_tells_what_was_baked() {
     let folder = heads();
     let baked = folder.run(&format!("bake {HEADS} --method two_pass -o a.tlux --json")).ok().json();
-    let report = folder.run("inspect a.tlux --json").ok().json();
+    let report = folder.run("inspect a.tlux --deep --json").ok().json();
     let bytes = folder.read("a.tlux").len();
     assert_eq!(report["sizes"]["file"], bytes);
     assert_eq!(baked["bytes"], bytes);

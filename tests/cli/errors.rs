@@ -51,6 +51,7 @@ fn code_1_for_wrong_command_lines() {
         ("methods two-pass".to_owned(), &["two-pass", "two_pass", "reference"]),
         (format!("{all} --set bound=kernel"), &["bound", "`reference` has no such key", "points"]),
         (format!("{all} --set points"), &["points", "key=value"]),
+        (format!("{all} --set points=1 --set points=2"), &["--set points: given twice, as 1 and as 2"]),
         (format!("{all} --max-rms 0"), &["--max-rms", "1%"]),
         (format!("{all} --max-rms 150%"), &["--max-rms", "1%"]),
         (format!("{all} --light constnt:radiance=1"), &["constnt", "constant"]),
@@ -61,6 +62,7 @@ fn code_1_for_wrong_command_lines() {
         (format!("{all} --light directional:from=0,0,0:irradiance=1"), &["from", "zero"]),
         (format!("{all} --threads 0"), &["--threads"]),
         (format!("{all} --max-memory lots"), &["--max-memory", "4GiB"]),
+        (format!("{all} --max-memory 300"), &["--max-memory 300", "unit", "300MB"]),
         (format!("{all} -o out.obj"), &["out.obj", ".ply"]),
         (format!("{all} -o out.ply"), &["out.ply", "twice"]),
         (format!("{all} -o - --json"), &["-o -", "--json"]),
@@ -120,7 +122,7 @@ fn code_3_for_damaged_assets() {
         let mut damaged = whole.clone();
         damaged[place] ^= 0x40;
         folder.write("b.tlux", damaged);
-        folder.run("inspect b.tlux").fails(3, &["b.tlux"]);
+        folder.run("inspect b.tlux --deep").fails(3, &["b.tlux"]);
         folder.write("b.tlux", &whole[..place]);
         folder.run("evaluate b.tlux -o b.ply").fails(3, &["b.tlux"]);
     }
@@ -135,8 +137,9 @@ fn code_3_for_damaged_assets() {
 fn code_4_names_the_samples_that_fit() {
     let folder = cube();
     let bake = "bake cube.obj --unit mm --material marble --method two_pass -o a.tlux";
-    for limit in ["1MB", "100KB", "40KB"] {
-        let refused = folder.run(&format!("{bake} --max-memory {limit}")).fails(4, &["memory", "would fit"]);
+    for limit in ["60MB", "28MB"] {
+        let many = format!("{bake} --samples 4194304 --max-memory {limit}");
+        let refused = folder.run(&many).fails(4, &["memory", "would fit"]);
         let words: Vec<&str> = refused.stderr.split_whitespace().collect();
         let flag = words.iter().position(|w| *w == "--samples").unwrap();
         let fitting: usize = words[flag + 1].parse().unwrap();
@@ -144,6 +147,35 @@ fn code_4_names_the_samples_that_fit() {
         folder.run(&format!("{bake} --max-memory {limit} --samples {}", 2 * fitting)).fails(4, &["memory"]);
     }
     folder.run(&format!("{bake} --max-memory 1KB")).fails(4, &["no number of samples would fit", "--max-memory"]);
+}
+
+/// Errors as JSON: where no report was printed, on standard output.
+#[test]
+fn errors_are_json_too() {
+    let folder = cube();
+    folder.write("index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n");
+    folder.write("nan.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\nnine\n");
+    let reference = "reference index.obj --size-mm 9 --material marble -o b.ply";
+    for (line, exit, kind, path, at) in [
+        ("inspect none.tlux".to_owned(), 2, "io", Some("none.tlux"), None),
+        (reference.to_owned(), 3, "invalid-input", Some("index.obj"), Some(4)),
+        ("compare nan.ply nan.ply".to_owned(), 3, "invalid-input", Some("nan.ply"), Some(6)),
+        ("inspect cube.obj".to_owned(), 3, "invalid-input", Some("cube.obj"), None),
+        (reference.replace("index", "cube").replace("-o b.ply", "-o b.obj"), 1, "command-line", None, None),
+        ("bake cube.stl --unit mm --material marble -o a.tlux".to_owned(), 5, "unsupported", Some("cube.stl"), None),
+        ("inspect".to_owned(), 1, "command-line", None, None),
+        ("inspect --frobnicate a.tlux".to_owned(), 1, "command-line", None, None),
+    ] {
+        folder.write("cube.stl", "solid");
+        let outcome = folder.run(&format!("{line} --json")).fails(exit, &[]);
+        let error = outcome.json();
+        assert_eq!((&error["schema"], &error["exit"]), (&"translux.error.v1".into(), &exit.into()), "{line}");
+        assert_eq!(error["kind"], kind, "{line}");
+        assert_eq!((error["path"].as_str(), error["line"].as_u64()), (path, at), "{line}: {error}");
+        let message = error["message"].as_str().unwrap();
+        assert!(!message.is_empty() && !message.contains('\n'), "{line}: {message}");
+        assert!(folder.run(&line).stdout.is_empty(), "{line}");
+    }
 }
 
 /// What a 32-bit file cannot hold is refused with a remedy, not written.
@@ -219,13 +251,17 @@ fn keys_have_their_effect() {
                   --light area:at=0,30,0:normal=0,-1,0:size=20,20:radiance=5";
     let run = |set: &str, output: &str| {
         let bake = "bake head.obj --unit mm --material skin1 --samples 6000 --method two_pass -o a.tlux --max-rms 4%";
-        folder.run(&format!("{bake} --set directions=16 --set area-side=2 --set points=1 {set}")).ok();
+        let key = |set: &str| set.split_once('=').map(|(key, _)| key.to_owned());
+        let few = ["directions=16", "area-side=2", "points=1"].into_iter().filter(|few| key(few) != key(set));
+        let words: Vec<String> =
+            few.chain([set]).filter(|set| !set.is_empty()).map(|set| format!("--set {set}")).collect();
+        folder.run(&format!("{bake} {}", words.join(" "))).ok();
         folder.run(&format!("evaluate a.tlux {lights} -o {output}")).ok();
     };
     run("", "base.ply");
     let samples = ["points=2", "directions=32", "area-side=3"];
     for set in ["bound=kernel", "error=0.1%"].iter().chain(&samples) {
-        run(&format!("--set {set}"), "b.ply");
+        run(set, "b.ply");
         folder.run("compare b.ply base.ply").fails(7, &[]);
         folder.run("compare b.ply base.ply --fail-above 10%").ok();
     }

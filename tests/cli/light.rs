@@ -162,7 +162,7 @@ fn sizes_are_millimetres() {
             .run(&format!("bake box.obj --method editable {flags} --material marble --samples 64 -o a.tlux --json"))
             .ok();
         assert!(baked.stderr.contains("SIZE "), "{flags}: {}", baked.stderr);
-        let report = folder.run("inspect a.tlux --json").ok().json();
+        let report = folder.run("inspect a.tlux --deep --json").ok().json();
         for found in [&baked.json()["diagonal_mm"], &report["diagonal_mm"]] {
             let found = found.as_f64().unwrap();
             assert!((found / diagonal - 1.0).abs() < 1e-6, "{flags}: {found} mm instead of {diagonal}");

@@ -5,6 +5,7 @@
 mod common;
 
 mod asset;
+mod builds;
 mod chart;
 mod compare_assets;
 mod compare_flip;
@@ -12,6 +13,7 @@ mod editable;
 mod errors;
 mod growth;
 mod import_files;
+mod inspect;
 mod light;
 mod output;
 mod pictures;

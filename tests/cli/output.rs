@@ -107,6 +107,62 @@ fn standard_output_takes_the_ply_and_nothing_else() {
     drop(child.stdout.take());
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_translux"))
+        .current_dir(folder.path(""))
+        .args(format!("evaluate a.tlux {LIGHT} -q -o -").split_whitespace())
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success() && output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+/// Output that cannot be written is an error, help and version included, and is noticed before the work.
+#[test]
+#[cfg(target_os = "linux")]
+fn what_cannot_be_written_is_an_error() {
+    let folder = ball();
+    let full = || std::process::Stdio::from(std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap());
+    for line in ["--help", "--version", "bake --help", "methods", "inspect a.tlux", "inspect a.tlux --json"] {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_translux"));
+        let output = command.current_dir(folder.path("")).args(line.split(' ')).stdout(full()).output().unwrap();
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{line}: {stderr}");
+        assert!(stderr.contains("standard output"), "{line}: {stderr}");
+    }
+    // The folder is tried before the model is read: that the model does not exist is not noticed.
+    for line in [
+        "bake none.obj --unit mm --material marble -o /proc/a.tlux",
+        "reference none.obj --unit mm --material marble -o /proc/a.ply",
+        "evaluate none.tlux -o /proc/a.ply",
+        "render none.tlux -o /proc/a.png",
+    ] {
+        folder.run(line).fails(2, &["-o", "/proc/a."]);
+    }
+    // A limit on the size of files is an error, not the end of the process.
+    let line = format!("ulimit -f 1; exec \"$0\" evaluate a.tlux {LIGHT} -o limited.ply");
+    let mut shell = std::process::Command::new("sh");
+    let output =
+        shell.current_dir(folder.path("")).args(["-c", &line, env!("CARGO_BIN_EXE_translux")]).output().unwrap();
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && stderr.contains("limited.ply"), "{:?}: {stderr}", output.status);
+    assert_eq!(folder.names(), ["a.tlux", "b.ply", "ball.obj"]);
+}
+
+/// A link stays a link, and the file that it names is replaced.
+#[test]
+#[cfg(unix)]
+fn an_output_that_is_a_link_stays_one() {
+    let folder = ball();
+    std::fs::create_dir(folder.path("store")).unwrap();
+    std::os::unix::fs::symlink("store/c.ply", folder.path("c.ply")).unwrap();
+    for _ in 0..2 {
+        folder.run(&format!("evaluate a.tlux {LIGHT} -o c.ply")).ok();
+        assert!(folder.path("c.ply").is_symlink());
+        assert!(folder.read("store/c.ply") == folder.read("b.ply"));
+    }
 }
 
 /// A target that exists is replaced whole, with its permissions.
@@ -174,18 +230,38 @@ mod interrupts {
     fn long_work_leaves_nothing_behind() {
         let folder = Folder::new();
         folder.obj("head.obj", &shapes::bumpy_head(30.0, 6)).write("old.ply", "precious");
-        for (name, target) in [("-TERM", "out.ply"), ("-INT", "out.ply"), ("-TERM", "old.ply")] {
+        for (name, target, code) in [("-TERM", "out.ply", 143), ("-INT", "out.ply", 130), ("-HUP", "old.ply", 129)] {
             let line = "reference head.obj --unit mm --material skin1 --samples 1000000 --threads 2 -o";
             let child = start(&folder, &format!("{line} {target}"));
             std::thread::sleep(Duration::from_millis(700));
             signal(&child, name);
             let output = end(child);
             let stderr = String::from_utf8_lossy(&output.stderr);
-            assert_eq!(output.status.code(), Some(130), "{name}: {stderr}");
+            assert_eq!(output.status.code(), Some(code), "{name}: {stderr}");
             assert!(stderr.contains("interrupted"), "{name}: {stderr}");
             assert_eq!(folder.names(), ["head.obj", "old.ply"], "{name}");
             assert_eq!(folder.read("old.ply"), b"precious");
         }
+    }
+
+    /// What was killed leaves a file that the next write into that folder removes; what whoever started us ignores does not end us.
+    #[test]
+    fn what_is_killed_is_tidied_up_and_nohup_is_heeded() {
+        let folder = ball();
+        folder.write(".translux-dead00.part", "half");
+        folder.run(&format!("evaluate a.tlux {LIGHT} -o c.ply")).ok();
+        assert_eq!(folder.names(), ["a.tlux", "b.ply", "ball.obj", "c.ply"]);
+        folder.obj("head.obj", &shapes::bumpy_head(30.0, 5));
+        let work = "reference head.obj --unit mm --material skin1 --samples 20000 --no-measure -o d.ply";
+        let line = format!("trap '' HUP; exec \"$0\" {work}");
+        let mut shell = Command::new("sh");
+        shell.current_dir(folder.path("")).args(["-c", &line, env!("CARGO_BIN_EXE_translux")]);
+        let child = shell.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        std::thread::sleep(Duration::from_millis(300));
+        signal(&child, "-HUP");
+        let output = child.wait_with_output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        assert!(folder.path("d.ply").exists());
     }
 
     /// Short work, interrupted at any moment: the old file or the new one, whole, and no temporary file.
@@ -216,7 +292,7 @@ mod interrupts {
             // Before the program listens, the signal ends it as it ends any other.
             match output.status.code() {
                 Some(0) => codes[0] += 1,
-                Some(130) | None => codes[1] += 1,
+                Some(143) | None => codes[1] += 1,
                 other => panic!("step {step}: exit code {other:?}: {stderr}"),
             }
             assert!(c == old || c == new, "step {step}: {} bytes", c.len());

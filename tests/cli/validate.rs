@@ -14,13 +14,11 @@ use translux_format::{AssetFile, Budget, Codec, Kind, LedgerEntry, MediumRecord,
 /// A small asset that nothing is wrong with.
 static GOOD: LazyLock<Vec<u8>> = LazyLock::new(|| {
     let folder = Folder::new();
-    folder.obj("ball.obj", &shapes::icosphere(10.0, 2));
-    folder.run("bake ball.obj --unit mm --material marble --samples 500 --method two_pass -o a.tlux").ok();
-    let mut asset = AssetFile::from_bytes(&folder.read("a.tlux"), Budget::default()).unwrap();
-    if asset.ledger.is_empty() {
-        let stage = "sampling".into();
-        asset.ledger.push(LedgerEntry { stage, relative_rms: 0.001, ..Default::default() });
-    }
+    // Small, so that what is drawn between its vertices is right.
+    folder.obj("ball.obj", &shapes::icosphere(1.5, 2));
+    folder.run("bake ball.obj --unit mm --material skin1 --samples 500 --method two_pass -o a.tlux").ok();
+    let asset = AssetFile::from_bytes(&folder.read("a.tlux"), Budget::default()).unwrap();
+    assert_eq!(asset.ledger.iter().map(|e| e.stage.as_str()).collect::<Vec<_>>(), ["nothing stored"]);
     asset.to_bytes().unwrap()
 });
 
@@ -67,7 +65,7 @@ type Case = (fn(&mut AssetFile), u64, &'static str, &'static str);
 
 #[test]
 fn every_finding_of_the_catalogue() {
-    let cases: [Case; 17] = [
+    let cases: [Case; 20] = [
         (|a| a.provenance.method = "crystal_ball".into(), 100, "error", "meta.src"),
         (|a| set(a, "max-rms", "a lot"), 102, "error", "meta.src"),
         (|a| add_far_field(a, 2, 3), 103, "error", "far.stp"),
@@ -89,6 +87,9 @@ fn every_finding_of_the_catalogue() {
         (|a| set(a, "charm", "7"), 120, "warning", "meta.src"),
         (|a| set(a, "samples", "501"), 121, "warning", "meta.src"),
         (|a| a.ledger[0].relative_rms = 0.006, 123, "warning", "meta.err"),
+        (|a| a.ledger.push(of_stage("row truncation", 0.006)), 123, "warning", "meta.err"),
+        (|a| a.provenance.notes.push("plan: missed: 2 % RMS, more than 1 %".into()), 123, "warning", "meta.err"),
+        (|a| a.provenance.notes.insert(0, "fault: too coarse".into()), 124, "warning", "meta.src"),
         (|a| a.provenance.algorithm_revision = u32::MAX, 131, "warning", "meta.src"),
     ];
     for (change, number, severity, section) in cases {
@@ -99,6 +100,20 @@ fn every_finding_of_the_catalogue() {
         assert_eq!(code, if errors { 3 } else { 0 }, "{number}: {found:?}");
         assert!(severity == "error" || !errors || number == 110, "{number}: {found:?}");
     }
+}
+
+fn of_stage(stage: &str, relative_rms: f64) -> LedgerEntry {
+    LedgerEntry { stage: stage.into(), relative_rms, ..Default::default() }
+}
+
+/// What a plan has measured from end to end counts, and stages that stand together for the ones before them do.
+#[test]
+fn errors_are_summed_as_they_are_promised() {
+    let planned = |a: &mut AssetFile| a.provenance.notes.push("plan: measured: 0.3 % RMS".into());
+    let above = |a: &mut AssetFile| a.ledger.push(of_stage("coding", 0.006));
+    assert_eq!(changed(|a| above(a)).1.len(), 1);
+    assert_eq!(changed(|a| (above(a), planned(a)).1).1, vec![]);
+    assert_eq!(changed(|a| (above(a), a.ledger.push(of_stage("together", 0.004))).1).1, vec![]);
 }
 
 fn set(asset: &mut AssetFile, key: &str, value: &str) {

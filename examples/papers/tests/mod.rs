@@ -7,6 +7,7 @@ mod values;
 use std::sync::Arc;
 
 use translux::error::ExitCode;
+use translux::evaluate::memory::Limits;
 use translux::geometry::mesh::Scale;
 use translux::geometry::shapes;
 use translux::methods;
@@ -25,7 +26,7 @@ fn every_encoding_writes_what_is_valid_and_the_crate_alone_does_not_support() {
         let method = registry().method(METHOD).unwrap();
         let asset = try_bake(method, head.clone(), Some(1500), &pairs(&[("encoding", encoding)])).unwrap();
         asset.write(&path).unwrap();
-        let found = validate(&path, &registry(), &Silent).unwrap();
+        let found = validate(&path, &registry(), Limits::none(), &Silent).unwrap();
         let unknown = found.findings.iter().any(|finding| finding.name.starts_with("Unknown"));
         assert!(found.errors == 0 && !unknown && found.sections > 4, "{encoding}: {found}");
         let error = methods::built_in().open(Arc::new(asset)).err().unwrap();

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 use translux_format::far_field::{FarField, Group, Shape};
-use translux_format::{RawSection, profile_basis as file};
+use translux_format::{RawSection, Tag, profile_basis as file};
 
 use super::choice::{self, Choice, Tuning};
 use super::evaluate::open;
@@ -18,7 +18,7 @@ use crate::asset::Asset;
 use crate::compress::blocks;
 use crate::error::{Error, Result};
 use crate::evaluate::form::write_error;
-use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Forecast, Form};
+use crate::evaluate::{AssetParts, BakeSettings, Capabilities, Evaluator, Forecast, Form, MaterialEdit, ProfileEdit};
 use crate::forms::density;
 use crate::forms::environment_rows::{self, EnvironmentRows};
 use crate::forms::sample_count::{UNLIKE_MATERIALS, samples_for};
@@ -34,7 +34,7 @@ use crate::transport::irradiance::LightSampling;
 
 /// Bytes that a receiver's coefficients take while they are made, before quantisation, at an error of 1 %; about in
 /// proportion to its inverse.
-const BYTES_PER_RECEIVER: f64 = 24_000.0;
+const BYTES_PER_RECEIVER: f64 = 32_000.0;
 
 impl Form for Factored {
     const NAME: &'static str = "factored";
@@ -58,6 +58,11 @@ impl Form for Factored {
             return Err(Error::input(format!("settings of the far field out of range: {self:?}")));
         }
         Ok(())
+    }
+
+    fn edits(&self, has: &dyn Fn(Tag) -> bool) -> Option<Capabilities> {
+        let source_fields = environment_rows::source_fields(has);
+        Some(Capabilities { material: MaterialEdit::Any, profile: ProfileEdit::None, source_fields })
     }
 
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {

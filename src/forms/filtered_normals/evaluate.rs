@@ -25,6 +25,10 @@ use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::irradiance::LightSampling;
 
+/// The edits that every asset allows.
+pub(super) const EDITS: Capabilities =
+    Capabilities { material: MaterialEdit::Any, profile: ProfileEdit::None, source_fields: SourceFields::None };
+
 /// Name in ledgers.
 pub(super) const STAGE: &str = "filtered normals";
 
@@ -321,7 +325,7 @@ impl FilteredNormalsEvaluator {
 
 impl Evaluator for FilteredNormalsEvaluator {
     fn capabilities(&self) -> Capabilities {
-        Capabilities { material: MaterialEdit::Any, profile: ProfileEdit::None, source_fields: SourceFields::None }
+        EDITS
     }
 
     fn cost(&self) -> Cost {

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use translux_format::Tag;
 use translux_format::filtered_normals::MOST_RUNGS;
 
 use super::forecast::forecast;
@@ -9,7 +10,7 @@ use super::settings::{Bleeding, Filter, FilteredNormals, Response};
 use super::{bake, evaluate};
 use crate::asset::Asset;
 use crate::error::{Error, Result};
-use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Forecast, Form};
+use crate::evaluate::{AssetParts, BakeSettings, Capabilities, Evaluator, Forecast, Form};
 use crate::forms::density;
 use crate::progress::Progress;
 use crate::scene::Scene;
@@ -36,6 +37,10 @@ impl Form for FilteredNormals {
             return Ok(());
         }
         Err(Error::input(format!("settings of filtered normals out of range: {self:?}")))
+    }
+
+    fn edits(&self, _: &dyn Fn(Tag) -> bool) -> Option<Capabilities> {
+        Some(evaluate::EDITS)
     }
 
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {

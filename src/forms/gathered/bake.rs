@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use glam::DVec3;
-use translux_format::RawSection;
 use translux_format::multilevel::MultilevelSummation;
+use translux_format::{RawSection, Tag, calibration};
 
 use super::forecast::forecast;
 use super::lit_samples::GatheredEvaluator;
@@ -15,15 +15,19 @@ use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::evaluate::form::{read_error, write_error};
 use crate::evaluate::inter_reflection::{self, Outside};
+use crate::evaluate::memory;
 use crate::evaluate::single_scattering::Traced;
 use crate::evaluate::stages::{of_kinds, spread};
-use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Forecast, Form, Model};
+use crate::evaluate::{
+    AssetParts, BakeSettings, Capabilities, Evaluator, Forecast, Form, MaterialEdit, Model, ProfileEdit,
+};
 use crate::forms::density;
 use crate::forms::environment_rows::{self, EnvironmentRows, StoredRows};
 use crate::forms::sample_count::{UNLIKE_MATERIALS, samples_for};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{self, Samples};
 use crate::light::{Light, LightKind};
+use crate::math::statistics::VertexError;
 use crate::medium::material::{Medium, OpticalProperties, preset};
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
@@ -39,6 +43,9 @@ use crate::transport::surface::Surface;
 
 /// Lights that the resolution of kernels is chosen by.
 const LIGHTS: usize = 3;
+
+/// Stage of assets that hold no transport, whose error is 0.
+const NOTHING_STORED: &str = "nothing stored";
 
 /// Bytes of a sample or a receiver while nets are made.
 const BYTES_OF_A_POINT: u64 = 1200;
@@ -72,6 +79,17 @@ impl Form for Gathered {
 
     fn serves(&self, _: Model) -> bool {
         true
+    }
+
+    fn edits(&self, has: &dyn Fn(Tag) -> bool) -> Option<Capabilities> {
+        let source_fields = environment_rows::source_fields(has);
+        let profile = if has(calibration::tags::NUMBERS) { ProfileEdit::Calibrated } else { ProfileEdit::Any };
+        Some(Capabilities { material: MaterialEdit::Any, profile, source_fields })
+    }
+
+    fn run_memory(&self, asset: &Asset) -> u64 {
+        let nets = self.nets.map_or(0, |_| (asset.samples.len() + asset.scene.mesh.local_mm.len()) as u64);
+        memory::of_evaluator(asset) + nets * BYTES_OF_A_POINT
     }
 
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
@@ -110,7 +128,9 @@ impl Form for Gathered {
         };
         if self.nets.is_none() && environment.is_none() {
             progress.finish();
-            return Ok(AssetParts { samples, ledger: Ledger::default(), sections: calibration });
+            let mut ledger = Ledger::default();
+            ledger.add(NOTHING_STORED, VertexError::default(), "samples alone: errors are those of sums at run time");
+            return Ok(AssetParts { samples, ledger, sections: calibration });
         }
         // Neighbours lie together, which rows in blocks rest on.
         let samples = in_tree_order(&samples, &samples::patches(&scene.mesh, &samples));

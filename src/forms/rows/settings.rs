@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
+use translux_format::Tag;
 use translux_format::distant_transport::DistantTransport;
 
 use super::bake::{of_sample, rows};
@@ -11,7 +12,7 @@ use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::form::write_error;
 use crate::evaluate::inter_reflection;
-use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Form};
+use crate::evaluate::{AssetParts, BakeSettings, Capabilities, Evaluator, Form};
 use crate::forms::baked_in::BakedIn;
 use crate::forms::density;
 use crate::forms::distant::{Distant, KINDS, with_work};
@@ -33,6 +34,10 @@ impl Form for DirectionalRows {
 
     fn kinds(&self) -> &'static [LightKind] {
         KINDS
+    }
+
+    fn edits(&self, _: &dyn Fn(Tag) -> bool) -> Option<Capabilities> {
+        Some(Capabilities::NONE)
     }
 
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {

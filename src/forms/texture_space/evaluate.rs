@@ -31,6 +31,10 @@ use crate::scene::Scene;
 use crate::transport::near_rule::NearField;
 use crate::transport::receivers::Receivers;
 
+/// The edits that every asset allows.
+pub(super) const EDITS: Capabilities =
+    Capabilities { material: MaterialEdit::Any, profile: ProfileEdit::OnCpu, source_fields: SourceFields::None };
+
 pub(super) fn open(form: &TextureSpace, asset: &Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     let input = |e: FormatError| Error::input(e.to_string());
     let missing = || Error::input("an asset without its atlas (sections atl.rec and tex.rec); bake it again");
@@ -73,7 +77,7 @@ impl Exitance for AtPoints<'_> {
 
 impl Evaluator for TextureSpaceEvaluator {
     fn capabilities(&self) -> Capabilities {
-        Capabilities { material: MaterialEdit::Any, profile: ProfileEdit::OnCpu, source_fields: SourceFields::None }
+        EDITS
     }
 
     fn cost(&self) -> Cost {

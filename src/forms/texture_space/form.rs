@@ -2,12 +2,14 @@
 
 use std::sync::Arc;
 
+use translux_format::Tag;
+
 use super::forecast::forecast;
 use super::settings::{Local, Sampling, TextureSpace};
 use super::{bake, evaluate};
 use crate::asset::Asset;
 use crate::error::{Error, Result};
-use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Forecast, Form};
+use crate::evaluate::{AssetParts, BakeSettings, Capabilities, Evaluator, Forecast, Form};
 use crate::forms::density;
 use crate::light::LightKind;
 use crate::progress::Progress;
@@ -45,6 +47,10 @@ impl Form for TextureSpace {
     /// The atlas alone is stored, whatever the size and the material.
     fn holds_transport(&self) -> bool {
         false
+    }
+
+    fn edits(&self, _: &dyn Fn(Tag) -> bool) -> Option<Capabilities> {
+        Some(evaluate::EDITS)
     }
 
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {

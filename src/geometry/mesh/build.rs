@@ -13,6 +13,9 @@ use crate::math::random::mix;
 /// Indices of half-edges must fit 32 bits.
 const MAX_TRIANGLES: usize = 1 << 30;
 
+/// Largest coordinate of a model's centre, mm: what files hold.
+const MAX_ORIGIN_MM: f64 = 1e12;
+
 /// Counts of the defects and repairs between the source and the mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct RepairReport {
@@ -79,8 +82,11 @@ impl Mesh {
             )));
         }
         let origin_mm = 0.5 * (min * scale + max * scale);
-        if !origin_mm.is_finite() {
-            return Err(Error::input(format!("the model's centre overflows at {scale} mm per unit: give --size-mm")));
+        if !(origin_mm.is_finite() && origin_mm.abs().max_element() <= MAX_ORIGIN_MM) {
+            return Err(Error::input(format!(
+                "the model's centre lies more than {MAX_ORIGIN_MM:e} mm away at {scale} mm per unit: give --size-mm, or move the \
+                 model to its origin"
+            )));
         }
         let mut report = RepairReport {
             source_vertices: source.positions.len(),

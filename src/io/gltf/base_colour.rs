@@ -57,7 +57,7 @@ pub struct PlacedPicture {
 /// As [`super::read_gltf`]; pictures that are no PNG, over other texture coordinates or turned (exit 5).
 pub fn read_base_colours(path: &Path) -> Result<BaseColours> {
     let bytes = std::fs::read(path).map_err(|e| Error::io(path, &e))?;
-    read(&bytes, path).map_err(|e| e.at(path.display()))
+    read(&bytes, path).map_err(|e| e.in_file(path))
 }
 
 fn read(bytes: &[u8], path: &Path) -> Result<BaseColours> {

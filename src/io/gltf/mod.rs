@@ -46,7 +46,7 @@ use self::warnings::Warnings;
 /// required extensions that hold geometry this reader does not know.
 pub fn read_gltf(path: &Path) -> Result<SourceModel> {
     let bytes = std::fs::read(path).map_err(|e| Error::io(path, &e))?;
-    read_bytes(&bytes, path).map_err(|e| e.at(path.display()))
+    read_bytes(&bytes, path).map_err(|e| e.in_file(path))
 }
 
 /// The files beside a model that hold its buffers, each once, in the order of the document.

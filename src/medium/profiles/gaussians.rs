@@ -83,7 +83,7 @@ impl Gaussians {
 pub fn read_lobes(path: &Path) -> Result<Vec<Lobe>> {
     let rows = csv::read(path, "variance_mm2")?;
     if rows.is_empty() {
-        return Err(Error::input("there is no Gaussian below the header").at(path.display()));
+        return Err(Error::input("there is no Gaussian below the header").in_file(path));
     }
     let lobe = |row: &Row| {
         let lobe = Lobe { variance_mm2: row.key, weights: row.rgb };
@@ -92,7 +92,7 @@ pub fn read_lobes(path: &Path) -> Result<Vec<Lobe>> {
         Gaussians::channels(&[lobe]).map(|_| lobe).map_err(|error| error.at(place))
     };
     let lobes = rows.iter().map(lobe).collect::<Result<Vec<Lobe>>>()?;
-    Gaussians::channels(&lobes).map_err(|error| error.at(path.display()))?;
+    Gaussians::channels(&lobes).map_err(|error| error.in_file(path))?;
     Ok(lobes)
 }
 

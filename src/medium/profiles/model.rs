@@ -82,7 +82,7 @@ impl ProfileModel {
             Self::Skin => LoadedProfile::Gaussians(Gaussians::channels(&SKIN)?),
             Self::Gaussians(path) => {
                 let lobes: Vec<Lobe> = gaussians::read_lobes(path)?;
-                LoadedProfile::Gaussians(Gaussians::channels(&lobes).map_err(|error| error.at(path.display()))?)
+                LoadedProfile::Gaussians(Gaussians::channels(&lobes).map_err(|error| error.in_file(path))?)
             }
             Self::Measured(path, interpolation) => LoadedProfile::Measured(measured::read(path, *interpolation)?),
             model => LoadedProfile::OfMedium(model.clone()),

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use serde::Serialize;
 use translux_format::{Budget, FormatError, Provenance, Reader, SectionInfo, Tag, metadata};
 
-use crate::asset::{Asset, refused};
+use crate::asset::{Asset, REQUEST, refused};
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::evaluate::measured::{Measured, Truth, measured};
@@ -66,8 +66,8 @@ pub(super) struct ProbeError {
 }
 
 /// Compares the bytes of two assets.
-pub(super) fn bytes(a: &[u8], b: &[u8], path_a: &Path, path_b: &Path) -> Result<AssetDifference> {
-    let (reader_a, reader_b) = (parsed(a, path_a)?, parsed(b, path_b)?);
+pub(super) fn bytes([a, b]: [&[u8]; 2], [path_a, path_b]: [&Path; 2], budget: Budget) -> Result<AssetDifference> {
+    let (reader_a, reader_b) = (parsed(a, path_a, budget)?, parsed(b, path_b, budget)?);
     let tags_b = reader_b.sections().iter().map(|section| section.tag);
     let mut tags: Vec<Tag> = reader_a.sections().iter().map(|section| section.tag).collect();
     tags.extend(tags_b.filter(|tag| reader_a.find(*tag).is_none()));
@@ -99,18 +99,18 @@ pub(super) fn bytes(a: &[u8], b: &[u8], path_a: &Path, path_b: &Path) -> Result<
     let (from_a, from_b) = (provenance(&reader_a, path_a)?, provenance(&reader_b, path_b)?);
     Ok(AssetDifference {
         sections,
-        settings: differences(&from_a.settings, &from_b.settings),
+        settings: differences(&from_a.settings, &from_b.settings).into_iter().filter(|d| d.key != REQUEST).collect(),
         provenance: differences(&facts(&from_a), &facts(&from_b)),
         probes: Vec::new(),
     })
 }
 
 fn wrong(error: &FormatError, path: &Path) -> Error {
-    refused(error).at(path.display())
+    refused(error).in_file(path)
 }
 
-fn parsed<'a>(bytes: &'a [u8], path: &Path) -> Result<Reader<'a>> {
-    Reader::parse(bytes, Budget::default()).map_err(|e| wrong(&e, path))
+fn parsed<'a>(bytes: &'a [u8], path: &Path, budget: Budget) -> Result<Reader<'a>> {
+    Reader::parse(bytes, budget).map_err(|e| wrong(&e, path))
 }
 
 fn kind_of(section: &SectionInfo) -> impl PartialEq {
@@ -172,10 +172,11 @@ impl AssetDifference {
 pub(super) fn radiosity(
     [a, b]: [&[u8]; 2],
     [path_a, path_b]: [&Path; 2],
-    open: &Open,
+    (open, budget): (&Open, Budget),
     progress: &dyn Progress,
 ) -> Result<(VertexError, Vec<ProbeError>)> {
-    let read = |bytes: &[u8], path: &Path| Asset::from_bytes(bytes).map(Arc::new).map_err(|e| e.at(path.display()));
+    let read =
+        |bytes: &[u8], path: &Path| Asset::from_bytes_within(bytes, budget).map(Arc::new).map_err(|e| e.in_file(path));
     let (a, b) = (read(a, path_a)?, read(b, path_b)?);
     let (mesh, other) = (&b.scene.mesh, &a.scene.mesh);
     let same =

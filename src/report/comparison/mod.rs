@@ -8,6 +8,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use translux_format::Budget;
 
 use self::assets::{AssetDifference, Open};
 use self::pictures::FlipReport;
@@ -91,7 +92,7 @@ pub struct Comparison {
 /// Compares two files of one kind by their suffix.
 ///
 /// Without a threshold anything but equality is a difference, and assets are compared by their bytes alone; with one,
-/// assets are evaluated under the probe lights, by the evaluators that `open` makes.
+/// assets are evaluated under the probe lights, by the evaluators that `open` makes. What is decoded of each stays within `budget`.
 ///
 /// # Errors
 /// I/O, invalid files, files of different kinds or meshes, HDR-FLIP of files that are no pictures.
@@ -99,7 +100,7 @@ pub fn compare(
     [a, b]: [&Path; 2],
     metric: Metric,
     threshold: Option<f64>,
-    open: &Open,
+    (open, budget): (&Open, Budget),
     progress: &dyn Progress,
 ) -> Result<Comparison> {
     let mut result = Comparison { a: a.to_owned(), b: b.to_owned(), metric, threshold, ..Comparison::default() };
@@ -128,9 +129,9 @@ pub fn compare(
             let bytes = [read(a)?, read(b)?];
             let bytes = bytes.each_ref().map(Vec::as_slice);
             result.equal = bytes[0] == bytes[1];
-            let mut found = assets::bytes(bytes[0], bytes[1], a, b)?;
+            let mut found = assets::bytes(bytes, [a, b], budget)?;
             if threshold.is_some() {
-                let (worst, probes) = assets::radiosity(bytes, [a, b], open, progress)?;
+                let (worst, probes) = assets::radiosity(bytes, [a, b], (open, budget), progress)?;
                 result.vertices = Some(worst);
                 found.probes = probes;
             }

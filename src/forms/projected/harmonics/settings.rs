@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
+use translux_format::Tag;
 use translux_format::distant_transport::{DistantTransport, tags};
 
 use super::bake::harmonics;
@@ -11,7 +12,7 @@ use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::form::write_error;
 use crate::evaluate::inter_reflection;
-use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Forecast, Form, Model};
+use crate::evaluate::{AssetParts, BakeSettings, Capabilities, Evaluator, Forecast, Form, Model};
 use crate::forms::baked_in::BakedIn;
 use crate::forms::density;
 use crate::forms::distant::{Distant, KINDS, MOST_ORDER, with_work};
@@ -38,6 +39,10 @@ impl Form for Harmonics {
 
     fn serves(&self, _: Model) -> bool {
         true
+    }
+
+    fn edits(&self, _: &dyn Fn(Tag) -> bool) -> Option<Capabilities> {
+        Some(Capabilities::NONE)
     }
 
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {

@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::sync::Arc;
 
 use glam::DVec3;
+use translux_format::Tag;
 use translux_format::quantised_lights::{QuantisedLights as File, tags};
 
 use super::evaluate::{open, transport};
@@ -16,7 +17,7 @@ use crate::compress::prediction::Net;
 use crate::error::Result;
 use crate::evaluate::form::write_error;
 use crate::evaluate::stages::{of_kinds, spread, worst};
-use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Forecast, Form, Model};
+use crate::evaluate::{AssetParts, BakeSettings, Capabilities, Evaluator, Forecast, Form, Model};
 use crate::forms::density;
 use crate::forms::distant;
 use crate::forms::projected::coding::{Radiosities, code};
@@ -58,6 +59,9 @@ const MANY: usize = 100_000;
 /// Lights that choices look at.
 pub const TUNING: usize = 20;
 
+/// Copies of the radiosities that are in memory together.
+const COPIES: u64 = 5;
+
 impl Form for QuantisedLights {
     const NAME: &'static str = "quantised_lights";
 
@@ -71,15 +75,20 @@ impl Form for QuantisedLights {
         true
     }
 
+    fn edits(&self, _: &dyn Fn(Tag) -> bool) -> Option<Capabilities> {
+        Some(Capabilities::NONE)
+    }
+
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
         let directions = self.lights.directions.unwrap_or(LARGEST_SET) as u64;
         let shells = self.lights.shells as u64 + 1;
         let (samples, lights) = (self.density.count(scene, settings.samples) as u64, directions * shells);
-        // Radiosities of each reference point, twice; about a quarter of the vertices at most.
+        // Radiosities of each reference point; about a quarter of the vertices at most. Beside them while they are coded: those of the shells
+        // that are coded, decorrelated, and their coefficients, predicted, quantised and known.
         let references = scene.mesh.local_mm.len() as u64 / 4 + 256;
         // Visibility, irradiance and flux of a run of lights; the products of lights and of their functions.
         density::memory(samples as usize, scene)
-            + references * 3 * 4 * 2 * lights
+            + references * 3 * 4 * COPIES * lights
             + samples * (lights / 8 + 128 * 4 * 3)
             + 8 * 4 * directions * directions
     }

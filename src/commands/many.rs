@@ -1,0 +1,82 @@
+//! Commands that take many files: each is looked at whatever becomes of the others; the exit code is the largest of theirs.
+
+use std::fmt;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use super::console::Console;
+use crate::error::{Error, ExitCode, Result};
+
+/// Reports of several files, and the errors of those that have none.
+#[derive(Serialize)]
+struct Reports<T> {
+    files: Vec<T>,
+    failed: Vec<Failed>,
+}
+
+/// A file that no report could be made of.
+#[derive(Serialize)]
+struct Failed {
+    #[serde(serialize_with = "crate::report::path")]
+    path: PathBuf,
+    exit: u8,
+    kind: &'static str,
+    message: String,
+}
+
+impl<T: fmt::Display> fmt::Display for Reports<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (index, file) in self.files.iter().enumerate() {
+            write!(f, "{}{file}", if index == 0 { "" } else { "\n" })?;
+        }
+        Ok(())
+    }
+}
+
+/// Shows the report of one file as it is, those of several together.
+///
+/// # Errors
+/// That of a single file; output that cannot be written.
+pub(super) fn show<T: Serialize + fmt::Display>(
+    command: &str,
+    paths: &[PathBuf],
+    console: &Console,
+    of_file: impl Fn(&Path) -> Result<(T, ExitCode)>,
+) -> Result<ExitCode> {
+    if let [path] = paths {
+        let (report, code) = of_file(path)?;
+        console.show(command, &report)?;
+        return Ok(code);
+    }
+    let mut reports = Reports { files: Vec::with_capacity(paths.len()), failed: Vec::new() };
+    let mut worst = ExitCode::Ok;
+    let mut meet = |code: ExitCode| {
+        if code as u8 > worst as u8 {
+            worst = code;
+        }
+    };
+    for path in paths {
+        match of_file(path) {
+            Ok((report, code)) => {
+                reports.files.push(report);
+                meet(code);
+            }
+            Err(error) => {
+                meet(error.code());
+                reports.failed.push(failed(path, &error));
+            }
+        }
+    }
+    console.show(command, &reports)?;
+    Ok(worst)
+}
+
+/// Tells an error at once, like that of a single file.
+fn failed(path: &Path, error: &Error) -> Failed {
+    // The report and the exit code tell it too.
+    let _ = writeln!(std::io::stderr(), "translux: {error}");
+    let code = error.code();
+    Failed { path: path.to_owned(), exit: code as u8, kind: code.kind(), message: error.message().to_owned() }
+}
