@@ -97,7 +97,7 @@ always resolved for it, as long as there are more samples than the 64 places of 
 chooses is what the asked error needs; it is `--samples` that can be too few.
 
 R_d and F_t are computed where they are used, not looked up, and have no error of interpolation; the one table is that of the near part of the hybrid method, linear between 4,097
-distances: at most 2e-4 of its flux (`cargo test --release --lib the_table_of_the_local_part -- --nocapture`).
+distances: at most 5e-5 of its flux, and 1e-3 in spectralon (`cargo test --release --lib the_table_of_the_local_part -- --nocapture`).
 ";
 
 pub(crate) const WORDS: Words = Words {

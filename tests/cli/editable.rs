@@ -75,7 +75,7 @@ fn keys_change_the_bake_or_are_refused() {
         folder.run("compare a.tlux default.tlux --fail-above 8%").ok();
     }
     for (set, fragments) in [
-        ("transport=half", &["transport=half", "stored", "none"][..]),
+        ("transport=none", &["--set transport", "given twice"][..]),
         ("terms=0", &["terms", "1", "16"]),
         ("terms=17", &["terms", "16"]),
         ("terms=few", &["terms=few"]),
@@ -92,6 +92,8 @@ fn keys_change_the_bake_or_are_refused() {
     ] {
         folder.run(&format!("{bake} --set {set} -o refused.tlux")).fails(1, fragments);
     }
+    let half = bake.replace("transport=stored", "transport=half");
+    folder.run(&format!("{half} -o refused.tlux")).fails(1, &["transport=half", "stored", "none"]);
     assert!(!folder.names().contains(&"refused.tlux".to_owned()));
 }
 

@@ -108,7 +108,7 @@ fn run(bake: &Bake, folder: &Path) -> Result<Outcome> {
     let mut child = Command::new(program)
         .args(bake.words)
         .args(["--json", "-q", "--threads", &rayon::current_num_threads().to_string()])
-        .args(bake.limits.map(|l| format!("--max-memory={}", l.memory_bytes)))
+        .args(bake.limits.map(|l| format!("--max-memory={}B", l.memory_bytes)))
         .arg("-o")
         .arg(&made)
         .stdin(Stdio::null())

@@ -186,7 +186,9 @@ mod tests {
     #[test]
     fn the_table_of_the_local_part_gives_its_flux() {
         let local = Local { importance: 0.1, sharpness: 1.5, rings: 20, of_ring: 20, image: 64, far: Far::Drawn };
-        for name in ["skin1", "skin2", "marble", "cream", "spectralon"] {
+        // The denser the material, the coarser the steps are to it.
+        for (name, most) in [("skin1", 5e-5), ("skin2", 5e-5), ("marble", 5e-5), ("cream", 5e-5), ("spectralon", 1e-3)]
+        {
             let dipoles = preset(name).unwrap().properties().dipoles(fresnel::BoundaryFit::Published);
             let profiles = dipoles.map(|dipole| Arc::new(dipole) as Arc<dyn Profile>);
             let middle = middle_mm(&profiles, 0.1);
@@ -201,7 +203,7 @@ mod tests {
                     whole += r * exact(r);
                 }
                 println!("{name}, channel {c}: {:.1e} of the flux", off / whole);
-                assert!(off < 2e-4 * whole, "{name}, channel {c}: {}", off / whole);
+                assert!(off < most * whole, "{name}, channel {c}: {}", off / whole);
             }
         }
     }
