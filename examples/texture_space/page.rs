@@ -58,7 +58,7 @@ const SPEED: &str = "
 ## Speed
 
 Marble; medians of 5. A new light is shadows, the mip-map, samples and sums; a new material the samples that depend on it and the sums. Pairs are samples times
-vertices. On two cores that nothing else used; they were about half as fast as those of other pages: the ratios between rows say more than the times.
+vertices. On two cores that nothing else used, but for the last row, beside which a build began; they were about half as fast as those of other pages: the ratios between rows say more than the times.
 
 - `shared` and `clusters` with 25,600 samples are nothing but pairs, 296 and 309 million a second, and the limit here. `product` makes 206 to 250 million, 1.2 to 1.5 times
   below (1.5 was wanted), and needs a sixteenth of the samples of `clusters`.
