@@ -7,11 +7,11 @@ use glam::DVec3;
 
 use super::density::Density;
 use crate::error::Result;
-use crate::evaluate::stages::spread;
+use crate::evaluate::stages::{of_kinds, spread};
 use crate::evaluate::{BakeSettings, Model};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{self, Samples};
-use crate::light::Light;
+use crate::light::{Light, LightKind};
 use crate::medium::material::{Medium, preset};
 use crate::progress::Silent;
 use crate::scene::Scene;
@@ -34,8 +34,8 @@ const LEAST: usize = 1 << 11;
 /// More than this part of the samples that the density asks for is not tried: what it would save is less than what it costs.
 const MOST_PART: usize = 2;
 
-/// Probe lights, beside a sun along the largest flat area, and vertices.
-const LIGHTS: usize = 3;
+/// Probe suns, beside one along the largest flat area, and vertices.
+const SUNS: usize = 3;
 const VERTICES: usize = 128;
 const GROUP: usize = 16;
 
@@ -69,7 +69,9 @@ pub fn samples_for(
         return Ok(most);
     }
     let (subset, points) = receivers.probe_points(&receivers.areas_mm2(&scene.mesh), (VERTICES, 0));
-    let trial = Trial { scene, bvh: Bvh::new(&scene.mesh), sampling, lights, kernels: kernels(scene, materials) };
+    let kernels =
+        std::iter::once(MediumKernel::of_media(&scene.media)).chain(kernels_in(&scene.media, materials)).collect();
+    let trial = Trial { scene, bvh: Bvh::new(&scene.mesh), sampling, lights, kernels };
     let mut before = trial.radiosity(count, &subset)?;
     while 2 * count * MOST_PART <= most {
         count *= 2;
@@ -87,23 +89,26 @@ pub fn samples_for(
     Ok(most)
 }
 
-/// Lights from one direction, under which samples err most.
+/// Sharp lights, under which samples err most. Light from nearby varies even over flat faces, where suns are even: all points are taken.
 fn lights(scene: &Scene, settings: &BakeSettings) -> Vec<Light> {
-    let probes = spread(&settings.probes.tuning, LIGHTS).cloned();
-    let mut lights: Vec<Light> = probes.collect();
+    let of_kind = |kind: LightKind| of_kinds(&settings.probes.tuning, &[kind]);
+    let suns = of_kind(LightKind::Directional);
+    let mut lights: Vec<Light> = spread(&suns, SUNS).cloned().collect();
     if !lights.is_empty() {
         lights.push(Light::Directional { from: scene.grazing(TURN), irradiance: DVec3::ONE });
+    }
+    if [LightKind::Point, LightKind::Area].iter().any(|kind| settings.is_for(*kind)) {
+        lights.extend(of_kind(LightKind::Point));
     }
     lights
 }
 
-/// Kernels of the media of a scene, and with each of the materials in the place of these.
-fn kernels(scene: &Scene, materials: &[&str]) -> Vec<Vec<MediumKernel>> {
-    let others = materials.iter().filter_map(|name| preset(name)).map(|preset| {
+/// Kernels of media with the properties of each of some published materials.
+pub fn kernels_in(media: &[Medium], materials: &[&str]) -> impl Iterator<Item = Vec<MediumKernel>> {
+    materials.iter().filter_map(|name| preset(name)).map(move |preset| {
         let other = |medium: &Medium| MediumKernel::new(&Medium { properties: preset.properties(), ..medium.clone() });
-        scene.media.iter().map(other).collect()
-    });
-    std::iter::once(MediumKernel::of_media(&scene.media)).chain(others).collect()
+        media.iter().map(other).collect()
+    })
 }
 
 /// What is the same for every number of samples.
@@ -171,7 +176,7 @@ mod tests {
         let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
         let (subset, points) = receivers.probe_points(&receivers.areas_mm2(&scene.mesh), (VERTICES, 1));
         let lights: Vec<Light> = settings.probes.unseen.clone();
-        let kernels = kernels(&scene, &[]);
+        let kernels = vec![MediumKernel::of_media(&scene.media)];
         let trial = Trial { scene: &scene, bvh: Bvh::new(&scene.mesh), sampling: LightSampling::FAST, lights, kernels };
         let [few, many] = [count, 16 * count].map(|count| trial.radiosity(count, &subset).unwrap());
         let worst = few.iter().zip(&many).map(|(a, b)| points.error(a, b).rms).fold(0.0, f64::max);
@@ -182,6 +187,17 @@ mod tests {
         let most = found(&scene, &BakeSettings { max_rms: 1e-7, ..settings.clone() }, &[]);
         assert_eq!(most, DENSITY.count(&scene, None));
         assert!(found(&scene, &settings, &UNLIKE_MATERIALS) >= count);
+    }
+
+    #[test]
+    fn flat_faces_take_more_samples_under_a_lamp_nearby_than_under_suns() {
+        let cube = scene(shapes::cuboid(DVec3::splat(10.0), 1), "skin1");
+        let mut settings = settings(0.005);
+        settings.probes.tuning.push(Light::point(DVec3::splat(13.0), DVec3::splat(500.0)).unwrap());
+        let lamps = found(&cube, &settings, &[]);
+        settings.for_lights = [LightKind::Directional].into();
+        let suns = found(&cube, &settings, &[]);
+        assert!(suns == 2 * LEAST && lamps > suns, "{suns} {lamps}");
     }
 
     #[test]

@@ -97,26 +97,19 @@ fn standard_output_takes_the_ply_and_nothing_else() {
     assert!(folder.read("d.ply") == both.stdout);
     assert!(folder.run(&format!("bake {MODEL} --method two_pass -o -")).ok().stdout == folder.read("a.tlux"));
     // A closed pipe is an end, not a crash.
-    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_translux"))
-        .current_dir(folder.path(""))
-        .args(["inspect", "a.tlux"])
-        .stdout(std::process::Stdio::piped())
-        .stderr(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
-    drop(child.stdout.take());
-    let output = child.wait_with_output().unwrap();
-    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
-    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_translux"))
-        .current_dir(folder.path(""))
-        .args(format!("evaluate a.tlux {LIGHT} -q -o -").split_whitespace())
-        .stdout(std::process::Stdio::piped())
-        .stderr(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
-    drop(child.stdout.take());
-    let output = child.wait_with_output().unwrap();
-    assert!(output.status.success() && output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
+    for line in ["inspect a.tlux -q", &format!("evaluate a.tlux {LIGHT} -q -o -")] {
+        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_translux"))
+            .current_dir(folder.path(""))
+            .args(line.split_whitespace())
+            .stdout(std::process::Stdio::piped())
+            .stderr(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        drop(child.stdout.take());
+        let output = child.wait_with_output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success() && said.is_empty(), "{line}: {said}");
+    }
 }
 
 /// Output that cannot be written is an error, help and version included, and is noticed before the work.

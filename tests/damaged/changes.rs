@@ -1,8 +1,5 @@
 //! Changes of decoded sections: numbers at the ends of their ranges, rows that are elsewhere, sections that are missing.
 
-use std::fmt::Write;
-
-use translux::geometry::source::SourceModel;
 use translux_format::{ElementType, RawSection};
 
 use crate::bytes::{Random, mutate};
@@ -145,22 +142,4 @@ fn record(random: &mut Random, bytes: &mut Vec<u8>) {
         let value = number(random, element, &old[..size]);
         bytes[at..at + size].copy_from_slice(&value);
     }
-}
-
-/// A model as OBJ.
-pub(crate) fn obj_text(model: &SourceModel) -> String {
-    let mut text = String::new();
-    for p in &model.positions {
-        writeln!(text, "v {} {} {}", p.x, p.y, p.z).unwrap();
-    }
-    let mut current = None;
-    for (triangle, &material) in model.triangles.iter().zip(&model.triangle_material) {
-        if current != Some(material) {
-            writeln!(text, "usemtl {}", model.materials[material as usize]).unwrap();
-            current = Some(material);
-        }
-        let [a, b, c] = triangle.map(|v| v + 1);
-        writeln!(text, "f {a} {b} {c}").unwrap();
-    }
-    text
 }

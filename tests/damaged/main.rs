@@ -8,6 +8,8 @@
 #[path = "../../formats/tests/common/mod.rs"]
 mod bytes;
 mod changes;
+#[path = "../common/mod.rs"]
+mod common;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -16,6 +18,7 @@ use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use bytes::{Entry, Random, build, sections_of};
+use common::{Folder, called};
 use glam::DVec3;
 use translux::asset::Asset;
 use translux::error::ExitCode;
@@ -76,18 +79,13 @@ const RECIPES: [Recipe; 13] = [
 
 /// A body that is not convex, another inside its shadow, and a slab that only casts shadows.
 fn scene() -> Scene {
-    let called = |mut model: translux::geometry::source::SourceModel, name: &str| {
-        model.materials = vec![name.to_owned()];
-        model
-    };
     let wax = called(shapes::bumpy_head(8.0, 1), "wax");
     let soap = called(shapes::icosphere(4.0, 0), "soap");
     let slab = called(shapes::cuboid(DVec3::new(24.0, 1.0, 20.0), 1), "slab");
     let place = [DVec3::ZERO, DVec3::new(14.0, 1.0, 3.0), DVec3::new(6.0, -11.0, 0.0)];
     let model = shapes::compose(&[(wax, place[0]), (soap, place[1]), (slab, place[2])]);
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("group.obj");
-    std::fs::write(&path, changes::obj_text(&model)).unwrap();
+    let folder = Folder::new();
+    let path = folder.obj("group.obj", &model).path("group.obj");
     let options = ImportOptions {
         scale: Some(Scale::MillimetresPerUnit(1.0)),
         materials: MaterialChoice { texts: vec!["marble".into(), "soap=skin1".into()], ..MaterialChoice::default() },

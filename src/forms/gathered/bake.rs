@@ -23,12 +23,11 @@ use crate::evaluate::{
 };
 use crate::forms::density;
 use crate::forms::environment_rows::{self, EnvironmentRows, StoredRows};
-use crate::forms::sample_count::{UNLIKE_MATERIALS, samples_for};
+use crate::forms::sample_count::{UNLIKE_MATERIALS, kernels_in, samples_for};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{self, Samples};
 use crate::light::{Light, LightKind};
 use crate::math::statistics::VertexError;
-use crate::medium::material::{Medium, OpticalProperties, preset};
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::balanced_tree::in_tree_order;
@@ -172,15 +171,11 @@ impl Form for Gathered {
 /// Kernels of the scene, and of each published material in the place of its media.
 fn kernels(scene: &Scene, calibrated: Option<&Calibrated>) -> Vec<KernelsOfParts> {
     let of_part: Vec<Option<u32>> = scene.parts.parts.iter().map(|part| part.medium).collect();
-    let of = |properties: OpticalProperties| {
-        let other = |medium: &Medium| MediumKernel::new(&Medium { properties, ..medium.clone() });
-        (scene.media.iter().map(other).collect(), of_part.clone())
-    };
     let own = match calibrated {
         Some(calibrated) => calibrated.kernels.clone(),
         None => (MediumKernel::of_media(&scene.media), of_part.clone()),
     };
-    let others = UNLIKE_MATERIALS.iter().filter_map(|name| preset(name)).map(|preset| of(preset.properties()));
+    let others = kernels_in(&scene.media, &UNLIKE_MATERIALS).map(|kernels| (kernels, of_part.clone()));
     std::iter::once(own).chain(others).collect()
 }
 
