@@ -103,7 +103,7 @@ built-in sky, `debevec_grace_1k.exr` and `noon_grass_1k.hdr`. Processor seconds,
 | cube | 8 | 1,024 | 0.46 % | 0.23 % | 0.77 % | 158 | 2.1 |
 | suzanne | 507 | 2,048 | 0.62 % | 0.10 % | 0.77 % | 8.9 | 8.1 |
 | bunny_closed | 34,835 | 1,024 | 0.24 % | 0.29 % | 0.38 % | 2.5 | 19.1 |
-| igea_full | 134,345 | 1,024 | 0.33 % | 0.28 % | 0.39 % | 2.3 | 28.8 |
+| igea_full | 134,345 | 1,024 | 0.33 % | 0.28 % | 0.50 % | 2.3 | 28.8 |
 
 ## What it gives up
 
