@@ -7,6 +7,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use super::baking::{self, BakeOptions, WalkOptions};
+use super::configuration::FileOptions;
 use super::console::Console;
 use super::model::ModelArgs;
 use super::output;
@@ -52,6 +53,8 @@ pub(super) struct BakeArgs {
     walks: WalkOptions,
     #[command(flatten)]
     build: BuildOptions,
+    #[command(flatten)]
+    pub(super) files: FileOptions,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -62,18 +65,31 @@ enum Inside {
     Calibrated,
 }
 
-pub(super) fn run(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
+/// Refuses what is wrong with the options themselves, before anything is read or written.
+///
+/// # Errors
+/// The command line.
+pub(super) fn check(args: &BakeArgs, console: &Console) -> Result<()> {
+    resolve(args, console).map(drop)
+}
+
+/// The method with its settings.
+fn resolve(args: &BakeArgs, console: &Console) -> Result<What> {
     let model = match args.inside {
         Inside::Dipole => args.walks.dipole(),
         Inside::Calibrated => args.walks.calibrated(),
     };
-    let what = match args.method.as_str() {
+    Ok(match args.method.as_str() {
         planning::AUTO => What::Planned(args.plan.resolve(&args.options, model?)?),
         method => {
             args.plan.refuse_for(method)?;
             What::Named(args.options.resolve(method, model?, console)?)
         }
-    };
+    })
+}
+
+pub(super) fn run(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
+    let what = resolve(args, console)?;
     output::check(std::slice::from_ref(&args.output), &["tlux"], console)?;
     args.plan.check_report(&args.output)?;
     args.build.check(&args.output)?;

@@ -83,8 +83,19 @@ struct Envelope<'a, T: Serialize> {
 /// # Errors
 /// Run time: a body that JSON cannot hold.
 pub fn json<T: Serialize>(command: &str, body: &T, run: &Run) -> Result<String> {
-    let envelope = Envelope { schema: format!("translux.{command}.v0"), version: env!("CARGO_PKG_VERSION"), body, run };
-    serde_json::to_string_pretty(&envelope).map_err(|e| Error::runtime(format!("report: {e}")))
+    serde_json::to_string_pretty(&envelope(command, body, run)).map_err(|e| Error::runtime(format!("report: {e}")))
+}
+
+/// The same as a value, for a report of many.
+///
+/// # Errors
+/// As [`json`].
+pub(crate) fn document<T: Serialize>(command: &str, body: &T, run: &Run) -> Result<serde_json::Value> {
+    serde_json::to_value(envelope(command, body, run)).map_err(|e| Error::runtime(format!("report: {e}")))
+}
+
+fn envelope<'a, T: Serialize>(command: &str, body: &'a T, run: &'a Run) -> Envelope<'a, T> {
+    Envelope { schema: format!("translux.{command}.v0"), version: env!("CARGO_PKG_VERSION"), body, run }
 }
 
 /// Serialises a path as text; bytes that are not UTF-8 are replaced, because a report is not worth failing for.

@@ -15,6 +15,7 @@ mod growth;
 mod import_files;
 mod inspect;
 mod light;
+mod option_files;
 mod output;
 mod pictures;
 mod plan;
