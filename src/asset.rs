@@ -26,6 +26,7 @@ pub const REQUEST: &str = "request";
 
 /// Provenance of an asset, independent of time and place.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Provenance {
     /// Name of the method that baked it.
     pub method: String,

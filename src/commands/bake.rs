@@ -137,7 +137,8 @@ impl What {
 
 /// The report of a bake with the plan that it followed; without an asset the plan alone.
 #[derive(Serialize)]
-struct BakedReport<'a> {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(super) struct BakedReport<'a> {
     #[serde(flatten)]
     bake: Option<BakeReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -206,8 +207,10 @@ fn judged(args: &BakeArgs, bytes: &[u8], asset: &Asset, console: &Console) -> Re
 
 /// Report of a bake that was not needed.
 #[derive(Serialize)]
-struct CurrentReport<'a> {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(super) struct CurrentReport<'a> {
     #[serde(serialize_with = "crate::report::path")]
+    #[cfg_attr(test, schemars(with = "String"))]
     output: &'a Path,
     written: bool,
 }
@@ -225,7 +228,8 @@ fn current(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
 
 /// What a bake is expected to take.
 #[derive(Serialize)]
-struct ForecastReport {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(super) struct ForecastReport {
     dry_run: bool,
     method: String,
     settings: BTreeMap<String, String>,

@@ -19,7 +19,7 @@ use crate::evaluate::memory::Limits;
 use crate::math::simd::InstructionSet;
 use crate::progress::{Progress, stage};
 use crate::report::text::{megabytes, percent};
-use crate::report::{Run, StageTime, document, json};
+use crate::report::{Run, StageTime, Timings, document, json};
 
 /// Options of every command.
 #[derive(Clone, Debug, Args)]
@@ -183,14 +183,14 @@ impl Console {
         let stages = self.state().times.clone();
         let warnings = self.state().warnings.clone();
         let estimated_memory_bytes = self.state().estimated_memory;
-        let run = Run {
+        let timings = Timings {
             seconds: self.seconds(),
             stages,
             estimated_memory_bytes,
             peak_memory_bytes: peak_memory(),
             threads: rayon::current_num_threads(),
-            warnings,
         };
+        let run = Run { warnings, timings };
         match &self.reports {
             Reports::Printed(reported) => {
                 print_line(&json(command, report, &run)?)?;

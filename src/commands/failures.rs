@@ -10,11 +10,12 @@ use super::configuration::parser_message;
 use crate::error::{Error, ExitCode, Result};
 
 /// Schema of errors.
-const SCHEMA: &str = "translux.error.v1";
+pub(super) const SCHEMA: &str = "translux.error.v1";
 
 /// An error for programs.
 #[derive(Serialize)]
-struct ErrorReport<'a> {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(super) struct ErrorReport<'a> {
     schema: &'static str,
     version: &'static str,
     /// Exit code of the process.

@@ -108,7 +108,8 @@ fn jobs(
 
 /// What became of a bake.
 #[derive(Serialize)]
-struct JobReport {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(super) struct JobReport {
     /// Its line in the list.
     line: usize,
     input: String,
@@ -117,14 +118,23 @@ struct JobReport {
     kind: &'static str,
     /// Why it failed.
     message: Option<String>,
-    seconds: f64,
-    /// The report of the bake; none where it came to none.
+    timings: JobTimings,
+    /// The report of the bake (`translux.bake.v1`); none where it came to none.
     report: Option<Value>,
+}
+
+/// What differs from run to run.
+#[derive(Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+struct JobTimings {
+    /// Wall-clock seconds.
+    seconds: f64,
 }
 
 /// What became of all bakes.
 #[derive(Serialize)]
-struct JobsReport {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(super) struct JobsReport {
     jobs: Vec<JobReport>,
     /// Jobs that failed.
     failed: usize,
@@ -136,7 +146,7 @@ impl fmt::Display for JobsReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let widest = self.jobs.iter().map(|job| job.output.chars().count()).max().unwrap_or(0);
         for job in &self.jobs {
-            let (output, time) = (&job.output, duration(job.seconds));
+            let (output, time) = (&job.output, duration(job.timings.seconds));
             write!(f, "{:<16} {output:<widest$} {time:>8}", job.kind)?;
             writeln!(f, "{}", job.message.as_ref().map_or(String::new(), |message| format!("  {message}")))?;
         }
@@ -180,7 +190,7 @@ pub(super) fn run(list: &List, console: &Console) -> Result<ExitCode> {
             exit: code as u8,
             kind: code.kind(),
             message,
-            seconds: own.seconds(),
+            timings: JobTimings { seconds: own.seconds() },
             report: own.taken(),
         });
     }

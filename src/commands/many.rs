@@ -11,15 +11,18 @@ use crate::error::{Error, ExitCode, Result};
 
 /// Reports of several files, and the errors of those that have none.
 #[derive(Serialize)]
-struct Reports<T> {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(super) struct Reports<T> {
     files: Vec<T>,
     failed: Vec<Failed>,
 }
 
 /// A file that no report could be made of.
 #[derive(Serialize)]
-struct Failed {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(super) struct Failed {
     #[serde(serialize_with = "crate::report::path")]
+    #[cfg_attr(test, schemars(with = "String"))]
     path: PathBuf,
     exit: u8,
     kind: &'static str,

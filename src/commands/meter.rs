@@ -12,7 +12,7 @@ use serde::Serialize;
 use crate::report::text::duration;
 
 /// Schema of a line of JSON.
-const SCHEMA: &str = "translux.progress.v1";
+pub(super) const SCHEMA: &str = "translux.progress.v1";
 /// Time between lines for people.
 const LINES: Duration = Duration::from_secs(30);
 /// Time between lines for programs.
@@ -63,12 +63,22 @@ struct Stage {
     since: Instant,
 }
 
+/// What a line tells.
+#[derive(Clone, Copy, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(rename_all = "kebab-case")]
+enum Event {
+    Start,
+    Progress,
+    End,
+}
+
 /// Progress for programs.
 #[derive(Serialize)]
-struct Line {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(super) struct Line {
     schema: &'static str,
-    /// `start`, `progress` or `end`.
-    event: &'static str,
+    event: Event,
     stage: &'static str,
     /// Units of work that are done.
     done: u64,
@@ -91,7 +101,7 @@ impl Stage {
         format!("{name}: {:.0} % in {time}, {left} left", 100.0 * share)
     }
 
-    fn json(&self, event: &'static str) -> String {
+    fn json(&self, event: Event) -> String {
         let Self { name: stage, done, total, since } = *self;
         let total = (total > 0).then_some(total);
         let line = Line { schema: SCHEMA, event, stage, done, total, seconds: since.elapsed().as_secs_f64() };
@@ -126,7 +136,7 @@ impl Meter {
             std::thread::spawn(move || {
                 while dead.recv_timeout(every) == Err(RecvTimeoutError::Timeout) {
                     let Some(stage) = lock(&shared).stage else { continue };
-                    print(&if form == Form::Json { stage.json("progress") } else { stage.text() });
+                    print(&if form == Form::Json { stage.json(Event::Progress) } else { stage.text() });
                 }
             });
             alive
@@ -139,7 +149,7 @@ impl Meter {
         let stage = Stage { name, done: 0, total, since: Instant::now() };
         shared.stage = Some(stage);
         if self.form == Form::Json {
-            print(&stage.json("start"));
+            print(&stage.json(Event::Start));
         }
         shared.bar = (self.form == Form::Bar && total > 0).then(|| {
             let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr_with_hz(10));
@@ -168,7 +178,7 @@ impl Meter {
         }
         let stage = shared.stage.take()?;
         if self.form == Form::Json {
-            print(&stage.json("end"));
+            print(&stage.json(Event::End));
         }
         Some((stage.name, stage.since.elapsed().as_secs_f64()))
     }

@@ -29,6 +29,8 @@ mod rebuild;
 mod reference;
 mod relight;
 mod render;
+#[cfg(test)]
+mod schemas;
 mod validate;
 mod view;
 

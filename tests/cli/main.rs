@@ -21,5 +21,6 @@ mod pictures;
 mod plan;
 mod reader;
 mod relight;
+mod schemas;
 mod size_and_mesh;
 mod validate;

@@ -94,7 +94,7 @@ fn jobs_are_done_whatever_becomes_of_the_others() {
     let report = done.json();
     assert_eq!(
         (&report["schema"], &report["failed"], &report["exit"]),
-        (&"translux.jobs.v0".into(), &2.into(), &2.into())
+        (&"translux.jobs.v1".into(), &2.into(), &2.into())
     );
     let jobs = report["jobs"].as_array().unwrap();
     let exits: Vec<&Value> = jobs.iter().map(|job| &job["exit"]).collect();
@@ -131,6 +131,7 @@ fn progress_can_be_read_by_programs() {
     let folder = folder();
     let done = folder.run(&format!("{BAKE} -o a.tlux -q --progress json")).ok();
     let lines: Vec<Value> = done.stderr.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    lines.iter().for_each(crate::common::schema::check);
     assert!(lines.len() >= 4 && lines.iter().all(|line| line["schema"] == "translux.progress.v1"));
     for stage in lines.iter().filter(|line| line["event"] == "start") {
         let end = lines.iter().find(|line| line["event"] == "end" && line["stage"] == stage["stage"]).unwrap();
