@@ -33,7 +33,7 @@ const TRUTH_ERROR: f64 = 0.001;
 
 /// Samples lit by rays and summed through the hierarchy.
 pub fn truth(scene: &Scene, samples: usize) -> GatheredEvaluator {
-    GatheredEvaluator::new(sampled(scene, samples, Vec::new()), gathering())
+    GatheredEvaluator::new(sampled(scene, samples, Vec::new()), gathering(samples))
 }
 
 /// An asset of samples and sections.
@@ -47,9 +47,16 @@ fn sampled(scene: &Scene, samples: usize, sections: Vec<RawSection>) -> Arc<Asse
     })
 }
 
-fn gathering() -> Gathering {
+/// Rays towards an environment of all samples together, and of one at least: neighbours look in other directions, and scattering averages over
+/// them.
+const SOFT_RAYS: usize = 1 << 24;
+const LEAST_DIRECTIONS: u32 = 32;
+
+fn gathering(samples: usize) -> Gathering {
+    let share = u32::try_from(SOFT_RAYS / samples.max(1)).unwrap_or(u32::MAX);
+    let directions = share.clamp(LEAST_DIRECTIONS, LightSampling::FAST.directions);
     Gathering {
-        sampling: LightSampling::FAST,
+        sampling: LightSampling { directions, ..LightSampling::FAST },
         near: NearField::FAST,
         far: Far::Hierarchical { error: TRUTH_ERROR, bound: Bound::SolidAngle },
         group: GROUP,
@@ -79,7 +86,7 @@ impl Truth {
     pub fn lit(&mut self, scene: &Scene, lights: &[Light], progress: &dyn Progress) -> Result<&mut GatheredEvaluator> {
         if self.made.is_none() {
             let asset = sampled(scene, self.samples, self.calibration.clone());
-            let evaluator = GatheredEvaluator::new(asset, gathering()).with_model()?;
+            let evaluator = GatheredEvaluator::new(asset, gathering(self.samples)).with_model()?;
             self.made = Some(Box::new(evaluator.with_inter_reflection(self.outside)));
         }
         let Some(made) = &mut self.made else { return Err(Error::runtime("a reference that was just made is gone")) };

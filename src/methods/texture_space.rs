@@ -7,7 +7,6 @@ use crate::evaluate::{About, AnyForm, BakeSettings, Method};
 use crate::forms::density::Density;
 use crate::forms::texture_space::{Far, Local, Sampling, TextureSpace as Form};
 use crate::geometry::atlas::Map;
-use crate::transport::irradiance::LightSampling;
 use crate::transport::near_rule::NearField;
 
 /// The method.
@@ -86,7 +85,13 @@ const FAR: Key<OneOf<Far>> = Key::new(
 )
 .expert();
 
-const DIRECTIONS: Key<Number<u32>> = keys::directions("64");
+const DIRECTIONS: Key<Auto<Number<u32>>> = Key::new(
+    "directions",
+    "auto",
+    Auto(Number(1, 65536)),
+    "shadow rays of each piece of a texel towards an environment; a constant light takes a quarter of them; auto: 64, down to 8 where there are many",
+)
+.expert();
 const AREA_SIDE: Key<Number<u32>> = keys::area_side("4");
 
 impl Method for TextureSpace {
@@ -146,11 +151,8 @@ impl Method for TextureSpace {
             resolution: keys.get(&RESOLUTION)?,
             sampling,
             count: settings.samples.map(|count| count.clamp(1, u32::MAX as usize) as u32),
-            rays: LightSampling {
-                points_per_patch: 1,
-                directions: keys.get(&DIRECTIONS)?,
-                area_side: keys.get(&AREA_SIDE)?,
-            },
+            directions: keys.get(&DIRECTIONS)?,
+            area_side: keys.get(&AREA_SIDE)?,
             near: NearField::for_error(settings.max_rms),
         }))
     }

@@ -1,5 +1,6 @@
 //! Bake of `texture_space`: the atlas, and the number of samples that the asked error needs.
 
+use glam::DVec3;
 use translux_format::atlas;
 use translux_format::texture_space::{self as stored, Numbers};
 
@@ -13,6 +14,7 @@ use crate::evaluate::stages::{of_kinds, spread};
 use crate::evaluate::{AssetParts, BakeSettings};
 use crate::forms::sample_count::samples_for;
 use crate::geometry::atlas::{Atlas, Report};
+use crate::light::{Light, LightKind};
 use crate::progress::{Progress, stage};
 use crate::scene::Scene;
 
@@ -21,7 +23,7 @@ const LEAST_COUNT: u32 = 64;
 pub(super) const MOST_COUNT: u32 = 1 << 14;
 
 /// Share of the asked error for the samples; the texture has the rest.
-pub(super) const OF_SAMPLES: f64 = 0.3;
+pub(super) const OF_SAMPLES: f64 = 0.5;
 
 /// Lights that the number of samples is chosen under.
 const LIGHTS: usize = 3;
@@ -52,7 +54,7 @@ pub(super) fn bake(
     let (atlas, report) = stage(progress, "atlas", || Atlas::new(&scene.mesh, form.map, resolution))?;
     // Those that are asked for are texels, not the truth's.
     let of_truth = BakeSettings { samples: None, ..settings.clone() };
-    let truth_samples = samples_for(scene, (form.density, form.rays), &of_truth, &[])?;
+    let truth_samples = samples_for(scene, (form.density, form.rays(1)), &of_truth, &[])?;
     let asked = settings.samples.map(|count| count.clamp(1, u32::MAX as usize) as u32).or(form.count);
     let numbers = Numbers {
         resolution,
@@ -65,11 +67,19 @@ pub(super) fn bake(
     let tuning = of_kinds(&settings.probes.tuning, kinds);
     if asked.is_none() && !tuning.is_empty() {
         stage(progress, "number of samples", || {
-            let lights: Vec<_> = spread(&tuning, LIGHTS).cloned().collect();
+            let mut lights: Vec<_> = spread(&tuning, LIGHTS).cloned().collect();
+            // Under a sky all of the surface is lit, and needs more samples than what a sun sees of it.
+            let of_soft = |kind: &LightKind| kinds.contains(kind) && settings.is_for(*kind);
+            if [LightKind::Constant, LightKind::Environment].iter().any(of_soft) {
+                lights.push(Light::Constant { radiance: DVec3::ONE });
+            }
             evaluator.choose_count(&lights, OF_SAMPLES * settings.max_rms, (LEAST_COUNT, MOST_COUNT))
         })?;
     }
-    let unseen = of_kinds(&settings.probes.unseen, kinds);
+    // One environment: nothing here is made for any of them.
+    let mut environments = 0..1;
+    let is_taken = |light: &Light| light.kind() != LightKind::Environment || environments.next().is_some();
+    let unseen: Vec<Light> = of_kinds(&settings.probes.unseen, kinds).into_iter().filter(is_taken).collect();
     let mut ledger = Ledger::default();
     if !unseen.is_empty() {
         let sets: Vec<_> = unseen.into_iter().map(|light| vec![light]).collect();

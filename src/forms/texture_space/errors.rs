@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::light::LitMap;
 use super::settings::Sampling;
-use super::state::{OF_DESCENT, TextureSpaceEvaluator};
+use super::state::{TextureSpaceEvaluator, of_descent};
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
 use crate::evaluate::Evaluator;
@@ -18,13 +18,13 @@ const TEXTURE: &str = "texture";
 const SAMPLES: &str = "samples";
 
 /// Vertices that errors are measured on; where there are not many more, all are.
-const MEASURED: usize = 768;
+const MEASURED: usize = 2048;
 
 /// What twice the samples leave of the error at most, where they are worth it.
 const WORTH_MORE: f64 = 0.9;
 
 /// Samples that stand for all texels where errors are measured.
-const RESOLVED: usize = 1 << 14;
+const RESOLVED: usize = 1 << 13;
 
 impl TextureSpaceEvaluator {
     /// Radiosity of some receivers from as many samples as tell every texel that matters, RGB.
@@ -47,10 +47,11 @@ impl TextureSpaceEvaluator {
         let descends_in_groups = self.form.sampling == Sampling::Product && !self.are_alone();
         let (subset, indices) = if descends_in_groups {
             // Whole groups: smaller ones would fare better.
-            let step = self.receivers.groups.len().div_ceil(MEASURED / OF_DESCENT).max(1);
+            let size = of_descent(self.numbers.count);
+            let step = self.receivers.groups.len().div_ceil(MEASURED / size).max(1);
             let groups = self.receivers.groups.iter().skip(phase * step / 2).step_by(step);
             let indices: Vec<u32> = groups.flat_map(|group| group.run.first..group.run.end).collect();
-            (self.receivers.only(&indices, OF_DESCENT), indices)
+            (self.receivers.only(&indices, size), indices)
         } else {
             self.receivers.subset(MEASURED, phase)
         };

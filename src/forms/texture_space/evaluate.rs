@@ -11,7 +11,7 @@ use super::device::TextureSpaceOnDevice;
 use super::light::LitMap;
 use super::map::welded;
 use super::settings::{Sampling, TextureSpace};
-use super::state::{Chosen, OF_DESCENT, TextureSpaceEvaluator};
+use super::state::{Chosen, TextureSpaceEvaluator, of_descent};
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
@@ -67,7 +67,8 @@ impl Exitance for AtPoints<'_> {
             let part = *parts.triangle_part.get(point.triangle as usize)?;
             parts.parts.get(part as usize)?.transfers().then_some((part, point.at_mm))
         };
-        let receivers = Receivers::at(&points.iter().map(place).collect::<Vec<_>>(), OF_DESCENT);
+        let receivers =
+            Receivers::at(&points.iter().map(place).collect::<Vec<_>>(), of_descent(self.evaluator.numbers.count));
         progress.start("transfer", receivers.len() as u64);
         let values = self.evaluator.sums(self.chosen, self.lit, &receivers);
         progress.finish();

@@ -5,6 +5,7 @@ use super::settings::TextureSpace;
 use crate::evaluate::forecast::{Body, Forecast, rays_ms, relight_of_kinds};
 use crate::evaluate::{BakeSettings, Form, MaterialEdit};
 use crate::scene::Scene;
+use crate::transport::irradiance::LightSampling;
 
 /// Error of the texture at the resolution that the form chooses.
 const TEXTURE: f64 = 0.009;
@@ -16,7 +17,8 @@ pub(super) fn forecast(form: &TextureSpace, scene: &Scene, settings: &BakeSettin
     let body = Body::of(scene);
     let (vertices, triangles) = (body.vertices as f64, body.triangles as f64);
     let texels = (COVERED * f64::from(bake::resolution(form, scene)).powi(2)).max(triangles);
-    let rays = (form.rays.points_per_patch, form.rays.directions, form.rays.area_side.pow(2));
+    let LightSampling { points_per_patch, directions, area_side } = form.rays(texels as usize);
+    let rays = (points_per_patch, directions, area_side.pow(2));
     Forecast {
         samples: None,
         rms: TEXTURE + bake::OF_SAMPLES * settings.max_rms,

@@ -23,7 +23,7 @@ impl Form for TextureSpace {
 
     fn validate(&self) -> Result<()> {
         self.density.validate()?;
-        self.rays.validate()?;
+        self.rays(1).validate()?;
         self.near.validate()?;
         let positive = |value: f64| value.is_finite() && value > 0.0;
         let power = |value: u32| value.is_power_of_two() && (16..=4096).contains(&value);

@@ -21,10 +21,28 @@ pub struct TextureSpace {
     pub sampling: Sampling,
     /// Samples of each receiver; none for as many as the asked error needs.
     pub count: Option<u32>,
-    /// Rays by which the patches see the lights.
-    pub rays: LightSampling,
+    /// Shadow rays of a patch towards an environment, a quarter of them towards a constant light; none for as many as the number of patches
+    /// asks for.
+    pub directions: Option<u32>,
+    /// Cells along each edge of an area light, each with a shadow ray of a patch.
+    pub area_side: u32,
     /// The near field of patches that receivers see on their own.
     pub near: NearField,
+}
+
+/// Rays towards an environment of all patches together, and of one at least and at most: neighbouring patches look at other directions of the
+/// same strata, and scattering averages over them.
+const SOFT_RAYS: usize = 1 << 25;
+const LEAST_DIRECTIONS: u32 = 8;
+const MOST_DIRECTIONS: u32 = 64;
+
+impl TextureSpace {
+    /// Rays by which each of some patches sees the lights.
+    pub fn rays(&self, patches: usize) -> LightSampling {
+        let share = u32::try_from(SOFT_RAYS / patches.max(1)).unwrap_or(u32::MAX);
+        let directions = self.directions.unwrap_or(share.clamp(LEAST_DIRECTIONS, MOST_DIRECTIONS));
+        LightSampling { points_per_patch: 1, directions, area_side: self.area_side }
+    }
 }
 
 /// How the samples are chosen.

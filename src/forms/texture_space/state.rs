@@ -26,6 +26,7 @@ use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Progress;
 use crate::scene::Scene;
+use crate::transport::irradiance::LightSampling;
 use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::kernel::{Block, PointSource};
 use crate::transport::near_rule::NearField;
@@ -34,14 +35,17 @@ use crate::transport::receivers::{Group, Receivers};
 /// Receivers that share a descent; those of shared samples only share a centre of their coordinates. 64 take a sixth less time than 16 for as many
 /// sources, at a fifth less error (bunny_closed in marble) to a third more (santa in skin1, both 30 mm, 400 sources); 128 are no faster, and with 256
 /// few sources are not enough for what is near.
-pub(super) const OF_DESCENT: usize = 64;
+const OF_DESCENT: usize = 64;
 const OF_SHARED: usize = 256;
+
+/// Receivers that share a descent where there are fewer samples than the others have in a group: those of one would see little but the light among them.
+const OF_SHORT_DESCENT: usize = 16;
 
 /// Spacing of receivers, over the length on which R_d changes, beyond which each descends alone.
 const ALONE: f64 = 0.5;
 
 /// Samples of the exact sums at most.
-const MOST_SAMPLES: u32 = 1 << 15;
+const MOST_SAMPLES: u32 = 1 << 18;
 
 /// Choice of the samples under some lights and media.
 pub(super) enum Chosen {
@@ -80,7 +84,7 @@ pub(super) struct TextureSpaceEvaluator {
 impl TextureSpaceEvaluator {
     pub(super) fn new(form: &TextureSpace, scene: &Scene, atlas: Atlas, numbers: Numbers) -> Result<Self> {
         let map = TexelMap::new(scene, atlas, numbers.resolution, order(&form.sampling))?;
-        let receivers = receivers(form, scene);
+        let receivers = receivers(form, scene, numbers.count);
         let areas = receivers.areas_mm2(&scene.mesh);
         let mut made = Self {
             form: *form,
@@ -161,9 +165,14 @@ impl TextureSpaceEvaluator {
         (self.lights, self.lit, self.chosen) = (lights, None, None);
     }
 
+    /// Rays by which each patch sees the lights.
+    pub(super) fn rays(&self) -> LightSampling {
+        self.form.rays(self.map.points.len())
+    }
+
     /// What lights shine on.
     fn shone(&self) -> Shone<'_> {
-        Shone { map: &self.map, scene: &self.scene, bvh: self.bvh(), sampling: self.form.rays }
+        Shone { map: &self.map, scene: &self.scene, bvh: self.bvh(), sampling: self.rays() }
     }
 
     pub(super) fn illuminate(&self, lights: &[Light], progress: &dyn Progress) -> Result<LitMap> {
@@ -307,14 +316,19 @@ impl TextureSpaceEvaluator {
     }
 }
 
+/// Receivers that share a descent to some number of samples in the mean.
+pub(super) fn of_descent(count: u32) -> usize {
+    if (count as usize) < OF_DESCENT { OF_SHORT_DESCENT } else { OF_DESCENT }
+}
+
 /// Receivers in groups. Those of a descent are alone where they are farther from each other than R_d reaches without change: together
 /// they would look at most of the surface.
-fn receivers(form: &TextureSpace, scene: &Scene) -> Receivers {
+fn receivers(form: &TextureSpace, scene: &Scene, count: u32) -> Receivers {
     let grouped = |capacity| Receivers::new(&scene.mesh, &scene.parts, capacity);
     if form.sampling != Sampling::Product {
         return grouped(OF_SHARED);
     }
-    let all = grouped(OF_DESCENT);
+    let all = grouped(of_descent(count));
     let area: f64 = scene.parts.parts.iter().filter(|p| p.transfers()).map(|p| p.area_mm2).sum();
     let spacing_mm = (area / all.len().max(1) as f64).sqrt();
     let smooth_mm = Kernels::new(MediumKernel::of_media(&scene.media), scene.mesh.diagonal_mm()).smooth_mm();

@@ -29,7 +29,8 @@ const FORM: TextureSpace = TextureSpace {
     resolution: Some(128),
     sampling: Sampling::Product,
     count: None,
-    rays: LightSampling { points_per_patch: 1, directions: 64, area_side: 4 },
+    directions: None,
+    area_side: 4,
     near: NearField::FAST,
 };
 
@@ -46,7 +47,7 @@ fn map(scene: &Scene, resolution: u32, order: Order) -> TexelMap {
 
 fn lit(map: &TexelMap, scene: &Scene, light: Light) -> LitMap {
     let bvh = Bvh::new(&scene.mesh);
-    let shone = Shone { map, scene, bvh: &bvh, sampling: FORM.rays };
+    let shone = Shone { map, scene, bvh: &bvh, sampling: FORM.rays(map.points.len()) };
     LitMap::new(map, shone.irradiance(&[light], &Silent).unwrap())
 }
 

@@ -217,7 +217,7 @@ const SHARE: u32 = {SHARE}u;
     /// # Errors
     /// Lights that cannot be served.
     pub(super) fn run(&mut self, lights: &[Light], cpu: &TextureSpaceEvaluator, have_moved: bool) -> Result<f64> {
-        let packed = packed(lights, cpu.scene.mesh.origin_mm, cpu.form.rays)?;
+        let packed = packed(lights, cpu.scene.mesh.origin_mm, cpu.rays())?;
         let unit = power_of_two_near(packed.iter().map(|light| self.brightest(light)).sum());
         self.remember(lights, have_moved)?;
         let calls = &self.device.device;
