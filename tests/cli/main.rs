@@ -21,6 +21,7 @@ mod pictures;
 mod plan;
 mod reader;
 mod relight;
+mod revisions;
 mod schemas;
 mod size_and_mesh;
 mod validate;
