@@ -20,7 +20,6 @@ use crate::math::statistics::vertex_error;
 use crate::medium::fresnel;
 use crate::progress::Silent;
 use crate::scene::Scene;
-use crate::transport::irradiance::LightSampling;
 use crate::transport::near_rule::NearField;
 
 const FORM: TextureSpace = TextureSpace {
