@@ -19,13 +19,14 @@ use crate::medium::material::{Medium, OpticalProperties};
 use crate::scene::Scene;
 
 /// Revision of the algorithms, raised whenever the same input gives different bytes.
-pub const ALGORITHM_REVISION: u32 = 1;
+pub const ALGORITHM_REVISION: u32 = 2;
 
 /// Setting that identifies what a command line asked for: a hash of it, so that a bake that would ask for the same is known.
 pub const REQUEST: &str = "request";
 
 /// Provenance of an asset, independent of time and place.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Provenance {
     /// Name of the method that baked it.
     pub method: String,

@@ -7,6 +7,12 @@
 //! A reader trusts nothing: it has a [`Budget`], checks every length before it takes memory, verifies checksums, and
 //! answers any bytes with a value or a [`FormatError`], never with a panic.
 //!
+//! # Features
+//!
+//! `zstd`, the default, compresses and decompresses by the library of the format's authors, in C. With `--no-default-features --features
+//! ruzstd` the crate decompresses in Rust alone, about five times slower, and builds for `wasm32-unknown-unknown`; writing compressed sections
+//! is an error then. Without both only sections that are stored as they are can be read.
+//!
 //! # Example
 //!
 //! ```
@@ -56,6 +62,7 @@ mod far_functions;
 mod far_sums;
 mod far_values;
 pub mod filtered_normals;
+mod frame;
 pub mod mesh;
 pub mod metadata;
 pub mod multilevel;

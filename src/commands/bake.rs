@@ -7,6 +7,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use super::baking::{self, BakeOptions, WalkOptions};
+use super::configuration::FileOptions;
 use super::console::Console;
 use super::model::ModelArgs;
 use super::output;
@@ -52,6 +53,8 @@ pub(super) struct BakeArgs {
     walks: WalkOptions,
     #[command(flatten)]
     build: BuildOptions,
+    #[command(flatten)]
+    pub(super) files: FileOptions,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -62,18 +65,31 @@ enum Inside {
     Calibrated,
 }
 
-pub(super) fn run(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
+/// Refuses what is wrong with the options themselves, before anything is read or written.
+///
+/// # Errors
+/// The command line.
+pub(super) fn check(args: &BakeArgs, console: &Console) -> Result<()> {
+    resolve(args, console).map(drop)
+}
+
+/// The method with its settings.
+fn resolve(args: &BakeArgs, console: &Console) -> Result<What> {
     let model = match args.inside {
         Inside::Dipole => args.walks.dipole(),
         Inside::Calibrated => args.walks.calibrated(),
     };
-    let what = match args.method.as_str() {
+    Ok(match args.method.as_str() {
         planning::AUTO => What::Planned(args.plan.resolve(&args.options, model?)?),
         method => {
             args.plan.refuse_for(method)?;
             What::Named(args.options.resolve(method, model?, console)?)
         }
-    };
+    })
+}
+
+pub(super) fn run(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
+    let what = resolve(args, console)?;
     output::check(std::slice::from_ref(&args.output), &["tlux"], console)?;
     args.plan.check_report(&args.output)?;
     args.build.check(&args.output)?;
@@ -121,7 +137,8 @@ impl What {
 
 /// The report of a bake with the plan that it followed; without an asset the plan alone.
 #[derive(Serialize)]
-struct BakedReport<'a> {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(super) struct BakedReport<'a> {
     #[serde(flatten)]
     bake: Option<BakeReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -190,8 +207,10 @@ fn judged(args: &BakeArgs, bytes: &[u8], asset: &Asset, console: &Console) -> Re
 
 /// Report of a bake that was not needed.
 #[derive(Serialize)]
-struct CurrentReport<'a> {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(super) struct CurrentReport<'a> {
     #[serde(serialize_with = "crate::report::path")]
+    #[cfg_attr(test, schemars(with = "String"))]
     output: &'a Path,
     written: bool,
 }
@@ -209,7 +228,8 @@ fn current(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
 
 /// What a bake is expected to take.
 #[derive(Serialize)]
-struct ForecastReport {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(super) struct ForecastReport {
     dry_run: bool,
     method: String,
     settings: BTreeMap<String, String>,

@@ -1,19 +1,20 @@
-//! `translux compare A B`: pairs of PLY, EXR or assets; exact equality without a threshold.
+//! `translux compare A... B`: PLY files, EXR pictures or assets against one; exact equality without a threshold.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
 use super::console::Console;
-use super::opening;
+use super::{many, opening};
 use crate::error::{ExitCode, Result};
 use crate::evaluate::keys::share;
-use crate::report::comparison::{Metric, compare};
+use crate::report::comparison::{Comparison, Metric, compare};
 
 #[derive(Clone, Debug, Args)]
 pub(super) struct CompareArgs {
-    /// File to judge (.ply, .exr or .tlux)
-    a: PathBuf,
+    /// Files to judge (.ply, .exr or .tlux), each against the reference
+    #[arg(required = true)]
+    a: Vec<PathBuf>,
     /// Reference of the same kind
     b: PathBuf,
     /// Figure that --fail-above judges
@@ -27,16 +28,23 @@ pub(super) struct CompareArgs {
 
 pub(super) fn run(args: &CompareArgs, console: &Console) -> Result<ExitCode> {
     let threshold = args.fail_above.as_deref().map(threshold).transpose()?;
-    for path in [&args.a, &args.b] {
+    many::show("compare", &args.a, console, many::Text::UnlessQuiet, |path| {
+        let result = judge(path, args, threshold, console)?;
+        let code = if result.differs() { ExitCode::Difference } else { ExitCode::Ok };
+        Ok((result, code))
+    })
+}
+
+/// Compares one file with the reference.
+fn judge(path: &Path, args: &CompareArgs, threshold: Option<f64>, console: &Console) -> Result<Comparison> {
+    for path in [path, &args.b] {
         opening::check_file(path, 2, console)?;
     }
     let open = opening::within_memory(console);
-    let result = compare([&args.a, &args.b], args.metric, threshold, (&open, console.budget()), console)?;
+    let result = compare([path, &args.b], args.metric, threshold, (&open, console.budget()), console)?;
     result.notes.iter().for_each(|note| console.note(note));
     result.warnings.iter().for_each(|warning| console.warn(warning));
-    console.say(&result.to_string())?;
-    console.report("compare", &result)?;
-    Ok(if result.differs() { ExitCode::Difference } else { ExitCode::Ok })
+    Ok(result)
 }
 
 /// A share as the threshold, 0 included.

@@ -1,24 +1,25 @@
 //! Output of a command while it works: progress with remaining time, notes, warnings, stage timings, peak memory.
 
 use std::fmt::Display;
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 use std::ops::RangeInclusive;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use clap::Args;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
+use serde_json::Value;
 use translux_format::Budget;
 
+use super::meter::{Meter, Telling};
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Registry;
 use crate::evaluate::memory::Limits;
 use crate::math::simd::InstructionSet;
 use crate::progress::{Progress, stage};
 use crate::report::text::{megabytes, percent};
-use crate::report::{Run, StageTime, json};
+use crate::report::{Run, StageTime, Timings, document, json};
 
 /// Options of every command.
 #[derive(Clone, Debug, Args)]
@@ -30,6 +31,9 @@ pub(super) struct Global {
     /// Print one JSON report on standard output
     #[arg(long, global = true)]
     pub(super) json: bool,
+    /// How progress is told
+    #[arg(long, global = true, value_name = "HOW", default_value = "auto")]
+    progress: Telling,
     /// Turn warnings about quality, size or time into exit code 6
     #[arg(long, global = true)]
     pub(super) strict: bool,
@@ -52,14 +56,22 @@ pub(super) struct Console {
     /// Methods and forms that can be used.
     pub(super) registry: Registry,
     state: Mutex<State>,
+    meter: Meter,
     started: Instant,
-    /// Whether a report has been printed as JSON.
-    reported: Arc<AtomicBool>,
+    /// Where reports as JSON go.
+    reports: Reports,
 }
 
+/// Where reports as JSON go.
+enum Reports {
+    /// To standard output; whether one has been printed.
+    Printed(Arc<AtomicBool>),
+    /// To whoever asks for the last one.
+    Kept(Mutex<Option<Value>>),
+}
+
+#[derive(Default)]
 struct State {
-    bar: Option<ProgressBar>,
-    stage: Option<(&'static str, Instant)>,
     times: Vec<StageTime>,
     /// The most memory that any work was expected to take, bytes; 0 where nobody has estimated.
     estimated_memory: u64,
@@ -78,17 +90,32 @@ impl Console {
             global: global.clone(),
             max_memory,
             registry,
-            state: Mutex::new(State {
-                bar: None,
-                stage: None,
-                times: Vec::new(),
-                estimated_memory: 0,
-                warnings: Vec::new(),
-                faults: Vec::new(),
-            }),
+            state: Mutex::default(),
+            meter: Meter::new(global.progress, global.quiet),
             started: Instant::now(),
-            reported,
+            reports: Reports::Printed(reported),
         })
+    }
+
+    /// A console for one of many works: with the same limits, and a report that is kept.
+    pub(super) fn of_job(&self, strict: bool) -> Self {
+        Self {
+            global: Global { strict, ..self.global.clone() },
+            max_memory: self.max_memory,
+            registry: self.registry.clone(),
+            state: Mutex::default(),
+            meter: Meter::new(self.global.progress, self.global.quiet),
+            started: Instant::now(),
+            reports: Reports::Kept(Mutex::default()),
+        }
+    }
+
+    /// The report that was kept.
+    pub(super) fn taken(&self) -> Option<Value> {
+        match &self.reports {
+            Reports::Kept(kept) => kept.lock().unwrap_or_else(PoisonError::into_inner).take(),
+            Reports::Printed(_) => None,
+        }
     }
 
     /// Limit on what is decoded from a file.
@@ -102,18 +129,14 @@ impl Console {
     }
 
     fn state(&self) -> std::sync::MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Prints a line for people on standard error.
     pub(super) fn note(&self, line: &str) {
         if !self.global.quiet {
             // A note that standard error does not take is lost, the work is not.
-            let print = || drop(writeln!(std::io::stderr(), "{line}"));
-            match &self.state().bar {
-                Some(bar) => bar.suspend(print),
-                None => print(),
-            }
+            self.meter.beside(|| drop(writeln!(std::io::stderr(), "{line}")));
         }
     }
 
@@ -160,16 +183,23 @@ impl Console {
         let stages = self.state().times.clone();
         let warnings = self.state().warnings.clone();
         let estimated_memory_bytes = self.state().estimated_memory;
-        let run = Run {
+        let timings = Timings {
             seconds: self.seconds(),
             stages,
             estimated_memory_bytes,
             peak_memory_bytes: peak_memory(),
             threads: rayon::current_num_threads(),
-            warnings,
         };
-        print_line(&json(command, report, &run)?)?;
-        self.reported.store(true, Ordering::Relaxed);
+        let run = Run { warnings, timings };
+        match &self.reports {
+            Reports::Printed(reported) => {
+                print_line(&json(command, report, &run)?)?;
+                reported.store(true, Ordering::Relaxed);
+            }
+            Reports::Kept(kept) => {
+                *kept.lock().unwrap_or_else(PoisonError::into_inner) = Some(document(command, report, &run)?);
+            }
+        }
         Ok(ExitCode::Ok)
     }
 
@@ -212,35 +242,19 @@ impl Console {
 
 impl Progress for Console {
     fn start(&self, stage: &'static str, total: u64) {
-        let mut state = self.state();
-        state.stage = Some((stage, Instant::now()));
-        let shown = !self.global.quiet && std::io::stderr().is_terminal() && total > 0;
-        state.bar = shown.then(|| {
-            let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr_with_hz(10));
-            let template = "{msg:12} {bar:40} {percent:>3} %  {eta} left";
-            bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
-            bar.set_message(stage);
-            bar
-        });
+        self.meter.start(stage, total);
     }
 
     fn advance(&self, units: u64) {
-        if let Some(bar) = &self.state().bar {
-            bar.inc(units);
-        }
+        self.meter.advance(units);
     }
 
     fn finish(&self) {
+        let Some((stage, seconds)) = self.meter.finish() else { return };
         let mut state = self.state();
-        if let Some(bar) = state.bar.take() {
-            bar.finish_and_clear();
-        }
-        if let Some((stage, since)) = state.stage.take() {
-            let seconds = since.elapsed().as_secs_f64();
-            match state.times.iter_mut().find(|time| time.stage == stage) {
-                Some(sum) => sum.seconds += seconds,
-                None => state.times.push(StageTime { stage: stage.to_owned(), seconds }),
-            }
+        match state.times.iter_mut().find(|time| time.stage == stage) {
+            Some(sum) => sum.seconds += seconds,
+            None => state.times.push(StageTime { stage: stage.to_owned(), seconds }),
         }
     }
 }

@@ -58,7 +58,8 @@ const SAMPLES: usize = 3 << 14;
 
 /// Results of one material.
 #[derive(Serialize)]
-struct Shown {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(super) struct Shown {
     medium: MediumReport,
     /// Errors under the lights of the pictures and under others, measured by the evaluator.
     measured: Ledger,
@@ -66,16 +67,21 @@ struct Shown {
 }
 
 #[derive(Serialize)]
-struct DemoReport {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(super) struct DemoReport {
     #[serde(serialize_with = "crate::report::path")]
+    #[cfg_attr(test, schemars(with = "String"))]
     asset: PathBuf,
     #[serde(serialize_with = "crate::report::path")]
+    #[cfg_attr(test, schemars(with = "String"))]
     picture: PathBuf,
     bytes: u64,
     bytes_per_vertex: f64,
     environment_bytes_per_vertex: f64,
     vertices: usize,
     samples: usize,
+    /// Among the stages as well.
+    #[serde(skip)]
     bake_seconds: f64,
     /// Errors of the bake, for all materials and lights that the asset is made for.
     ledger: Ledger,

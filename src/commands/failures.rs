@@ -2,18 +2,20 @@
 
 use std::io::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 
 use serde::Serialize;
 
+use super::configuration::parser_message;
 use crate::error::{Error, ExitCode, Result};
 
 /// Schema of errors.
-const SCHEMA: &str = "translux.error.v1";
+pub(super) const SCHEMA: &str = "translux.error.v1";
 
 /// An error for programs.
 #[derive(Serialize)]
-struct ErrorReport<'a> {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(super) struct ErrorReport<'a> {
     schema: &'static str,
     version: &'static str,
     /// Exit code of the process.
@@ -42,11 +44,7 @@ pub(super) fn of_parser(error: &clap::Error, json: bool) -> ExitCode {
     if error.use_stderr() {
         let _ = error.print();
         if json {
-            let text = error.to_string();
-            let lines = text.lines().take_while(|line| !line.starts_with("Usage") && !line.starts_with("For more"));
-            let message = lines.map(str::trim).filter(|line| !line.is_empty()).collect::<Vec<_>>().join(" ");
-            let message = message.strip_prefix("error: ").unwrap_or(&message).to_owned();
-            print_json(&Error::command_line(message));
+            print_json(&Error::command_line(parser_message(error)));
         }
         return ExitCode::CommandLine;
     }
@@ -84,7 +82,8 @@ pub(super) fn guarded(work: impl FnOnce() -> Result<ExitCode>) -> Result<ExitCod
     static FIRST: Mutex<Option<String>> = Mutex::new(None);
     let first = || FIRST.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     *first() = None;
-    let before = std::panic::take_hook();
+    let before = Arc::new(std::panic::take_hook());
+    let after = Arc::clone(&before);
     let traced = std::env::var_os("RUST_BACKTRACE").is_some_and(|value| value != "0");
     std::panic::set_hook(Box::new(move |info| {
         if traced {
@@ -95,7 +94,8 @@ pub(super) fn guarded(work: impl FnOnce() -> Result<ExitCode>) -> Result<ExitCod
         first().get_or_insert_with(|| format!("{what}{place}"));
     }));
     let outcome = catch_unwind(AssertUnwindSafe(work));
-    drop(std::panic::take_hook());
+    // Work within work has a hook of its own.
+    std::panic::set_hook(Box::new(move |info| after(info)));
     outcome.unwrap_or_else(|_| {
         let what = first().take().unwrap_or_default();
         Err(Error::runtime(format!(

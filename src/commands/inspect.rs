@@ -23,7 +23,7 @@ pub(super) struct InspectArgs {
 
 pub(super) fn run(args: &InspectArgs, console: &Console) -> Result<ExitCode> {
     let depth = if args.deep { Depth::Everything } else { Depth::Directory };
-    many::show("inspect", &args.assets, console, |path| {
+    many::show("inspect", &args.assets, console, many::Text::Always, |path| {
         if args.deep {
             check_file(path, 3, console)?;
         }

@@ -11,15 +11,18 @@ use crate::error::{Error, ExitCode, Result};
 
 /// Reports of several files, and the errors of those that have none.
 #[derive(Serialize)]
-struct Reports<T> {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(super) struct Reports<T> {
     files: Vec<T>,
     failed: Vec<Failed>,
 }
 
 /// A file that no report could be made of.
 #[derive(Serialize)]
-struct Failed {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(super) struct Failed {
     #[serde(serialize_with = "crate::report::path")]
+    #[cfg_attr(test, schemars(with = "String"))]
     path: PathBuf,
     exit: u8,
     kind: &'static str,
@@ -35,6 +38,15 @@ impl<T: fmt::Display> fmt::Display for Reports<T> {
     }
 }
 
+/// Whether reports are shown as text.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Text {
+    /// They are what was asked for.
+    Always,
+    /// The exit code says what was asked for.
+    UnlessQuiet,
+}
+
 /// Shows the report of one file as it is, those of several together.
 ///
 /// # Errors
@@ -43,11 +55,12 @@ pub(super) fn show<T: Serialize + fmt::Display>(
     command: &str,
     paths: &[PathBuf],
     console: &Console,
+    text: Text,
     of_file: impl Fn(&Path) -> Result<(T, ExitCode)>,
 ) -> Result<ExitCode> {
     if let [path] = paths {
         let (report, code) = of_file(path)?;
-        console.show(command, &report)?;
+        tell(command, &report, console, text)?;
         return Ok(code);
     }
     let mut reports = Reports { files: Vec::with_capacity(paths.len()), failed: Vec::new() };
@@ -69,8 +82,16 @@ pub(super) fn show<T: Serialize + fmt::Display>(
             }
         }
     }
-    console.show(command, &reports)?;
+    tell(command, &reports, console, text)?;
     Ok(worst)
+}
+
+fn tell<T: Serialize + fmt::Display>(command: &str, report: &T, console: &Console, text: Text) -> Result<ExitCode> {
+    if text == Text::Always {
+        return console.show(command, report);
+    }
+    console.say(&report.to_string())?;
+    console.report(command, report)
 }
 
 /// Tells an error at once, like that of a single file.

@@ -5,6 +5,7 @@ mod baking;
 mod chart;
 mod compare;
 mod completions;
+mod configuration;
 mod console;
 mod demo;
 mod device;
@@ -12,9 +13,12 @@ mod evaluate;
 mod failures;
 mod inspect;
 mod interrupts;
+mod jobs;
 mod lights;
+mod man;
 mod many;
 mod media;
+mod meter;
 mod methods;
 mod model;
 mod on_mesh;
@@ -25,19 +29,24 @@ mod rebuild;
 mod reference;
 mod relight;
 mod render;
+#[cfg(test)]
+mod schemas;
 mod validate;
 mod view;
 
 use std::ffi::OsString;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use clap::error::ErrorKind;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Registry;
 use crate::report::materials::MaterialsReport;
-use console::{Console, Global, in_range};
+use configuration::{File, Options, Schema};
+use console::{Console, Global, in_range, print_line};
 
 /// Precompute, inspect, relight and render light transport in translucent meshes.
 #[derive(Debug, Parser)]
@@ -77,6 +86,38 @@ enum Command {
     Demo(demo::DemoArgs),
     /// Completions for a shell: methods, their keys and the words that these take among them
     Completions(completions::CompletionsArgs),
+    /// The manual's page of the program or of a command, for `man`
+    Man(man::ManArgs),
+}
+
+/// What the arguments ask for.
+enum Work {
+    /// A command as it is typed.
+    Typed(Cli),
+    /// A bake with options of a file.
+    Configured(Cli, File, Options),
+    /// The options of a bake, to be printed, and the file that some are from.
+    Printed(Cli, Option<File>, Options, String),
+    /// Bakes of a list.
+    Listed(Global, jobs::List),
+}
+
+/// Why arguments ask for nothing that can be done.
+enum Refused {
+    Parser(clap::Error),
+    Other(Error),
+}
+
+impl From<clap::Error> for Refused {
+    fn from(error: clap::Error) -> Self {
+        Self::Parser(error)
+    }
+}
+
+impl From<Error> for Refused {
+    fn from(error: Error) -> Self {
+        Self::Other(error)
+    }
 }
 
 /// Runs the program on its arguments (the first is the program's name) and returns its exit code.
@@ -91,13 +132,14 @@ pub fn run_with(registry: Registry, arguments: impl IntoIterator<Item = OsString
     let arguments: Vec<OsString> = arguments.into_iter().collect();
     // Where the command line is wrong nothing else says how errors are wanted.
     let json = arguments.iter().any(|argument| argument == "--json");
-    let parsed = command().try_get_matches_from(arguments).and_then(|m| Cli::from_arg_matches(&m));
-    let cli = match parsed {
-        Ok(cli) => cli,
-        Err(error) => return failures::of_parser(&error, json),
+    let work = match read(arguments) {
+        Ok(work) => work,
+        Err(Refused::Parser(error)) => return failures::of_parser(&error, json),
+        Err(Refused::Other(error)) => return failures::tell(&error, json),
     };
+    let json = json || work.global().json;
     let reported = Arc::new(AtomicBool::new(false));
-    let outcome = failures::guarded(|| dispatch(cli, registry, Arc::clone(&reported)));
+    let outcome = failures::guarded(|| dispatch(work, registry, Arc::clone(&reported)));
     match outcome {
         Ok(code) => code,
         Err(error) => failures::tell(&error, json && !reported.load(Ordering::Relaxed)),
@@ -111,34 +153,110 @@ fn command() -> clap::Command {
     Cli::command().after_help(format!("Exit codes:\n{}", codes.join("\n")))
 }
 
-/// Runs a command; `reported` becomes true where it printed a report.
-fn dispatch(cli: Cli, registry: Registry, reported: Arc<AtomicBool>) -> Result<ExitCode> {
+/// The work that arguments ask for, with the options that files give.
+fn read(arguments: Vec<OsString>) -> std::result::Result<Work, Refused> {
+    let parsed = |arguments: &[OsString]| {
+        let matches = command().try_get_matches_from(arguments)?;
+        Cli::from_arg_matches(&matches).map(|cli| (cli, matches))
+    };
+    if !configuration::are_wanted(&arguments) {
+        return Ok(Work::Typed(parsed(&arguments)?.0));
+    }
+    // What a file has need not be typed.
+    let mut open = command().mut_subcommand("bake", |bake| bake.mut_args(|arg| arg.required(false)));
+    let matches = open.try_get_matches_from_mut(&arguments)?;
+    let Some(("bake", of_bake)) = matches.subcommand() else { return Ok(Work::Typed(parsed(&arguments)?.0)) };
+    open.build();
+    let Some(bake) = open.find_subcommand("bake") else { return Ok(Work::Typed(parsed(&arguments)?.0)) };
+    let schema = Schema::new(bake);
+    let typed = schema.typed(of_bake);
+    let path = |key: &str| of_bake.get_one::<PathBuf>(key);
+    if let Some(list) = path("jobs") {
+        let parse = |options: &Options| match parsed(&schema.arguments(options))?.0 {
+            Cli { command: Command::Bake(args), global } => Ok((args, global.strict)),
+            _ => Err(command().error(ErrorKind::InvalidSubcommand, "a list is of bakes")),
+        };
+        let list = jobs::read(list, &typed, &schema, parse)?;
+        return Ok(Work::Listed(Global::from_arg_matches(&matches)?, list));
+    }
+    let (file, options) = match path("config") {
+        Some(path) => {
+            let file = File::read(path)?;
+            let of_file = schema.of_table(&file, &file.parse()?, |_| None)?;
+            let options = schema.over(&typed, &of_file);
+            (Some(file), options)
+        }
+        None => (None, typed),
+    };
+    let (cli, matches) = parsed(&schema.arguments(&options)).map_err(|error| {
+        let located = file.as_ref().and_then(|file| file.of_parser(&error, &options));
+        located.map_or(Refused::Parser(error), Refused::Other)
+    })?;
+    match (file, matches.subcommand()) {
+        (file, Some((_, all))) if of_bake.get_flag("print_config") => {
+            let text = schema.to_toml(&schema.complete(all))?;
+            Ok(Work::Printed(cli, file, options, text))
+        }
+        (Some(file), _) => Ok(Work::Configured(cli, file, options)),
+        (None, _) => Ok(Work::Typed(cli)),
+    }
+}
+
+impl Work {
+    fn global(&self) -> &Global {
+        match self {
+            Self::Typed(cli) | Self::Configured(cli, ..) | Self::Printed(cli, ..) => &cli.global,
+            Self::Listed(global, _) => global,
+        }
+    }
+}
+
+/// Does the work; `reported` becomes true where it printed a report.
+fn dispatch(work: Work, registry: Registry, reported: Arc<AtomicBool>) -> Result<ExitCode> {
     interrupts::watch()?;
-    let console = Console::new(&cli.global, registry, reported)?;
-    if let Some(widest) = cli.global.instructions {
+    let global = work.global().clone();
+    let console = Console::new(&global, registry, reported)?;
+    if let Some(widest) = global.instructions {
         widest.limit();
     }
-    let threads = cli.global.threads.map(|threads| in_range("--threads", threads, 1..=4096)).transpose()?;
+    let threads = global.threads.map(|threads| in_range("--threads", threads, 1..=4096)).transpose()?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads.unwrap_or(0))
         .build()
         .map_err(|e| Error::runtime(format!("the worker threads could not be started: {e}")))?;
+    match work {
+        Work::Typed(cli) => run_command(cli, &console, pool),
+        Work::Configured(cli, file, options) => run_command(cli, &console, pool).map_err(|e| file.located(e, &options)),
+        Work::Printed(Cli { command: Command::Bake(args), .. }, file, options, text) => {
+            let checked = bake::check(&args, &console);
+            checked.map_err(|e| file.map_or(e.clone(), |file| file.located(e, &options)))?;
+            print_line(text.trim_end())?;
+            Ok(ExitCode::Ok)
+        }
+        Work::Printed(..) => Ok(ExitCode::Ok),
+        Work::Listed(_, list) => pool.install(|| jobs::run(&list, &console)),
+    }
+}
+
+/// Runs a command.
+fn run_command(cli: Cli, console: &Console, pool: rayon::ThreadPool) -> Result<ExitCode> {
     if let Command::Relight(args) = &cli.command {
-        return relight::run(args, &console, Arc::new(pool)).and_then(|code| console.verdict(code));
+        return relight::run(args, console, Arc::new(pool)).and_then(|code| console.verdict(code));
     }
     let done = pool.install(|| match cli.command {
-        Command::Bake(args) => bake::run(&args, &console),
-        Command::Evaluate(args) => evaluate::run(&args, &console),
-        Command::Render(args) => render::run(&args, &console),
-        Command::Reference(args) => reference::run(&args, &console),
-        Command::Inspect(args) => inspect::run(&args, &console),
-        Command::Validate(args) => validate::run(&args, &console),
-        Command::Chart(args) => chart::run(&args, &console),
-        Command::Compare(args) => compare::run(&args, &console),
+        Command::Bake(args) => bake::run(&args, console),
+        Command::Evaluate(args) => evaluate::run(&args, console),
+        Command::Render(args) => render::run(&args, console),
+        Command::Reference(args) => reference::run(&args, console),
+        Command::Inspect(args) => inspect::run(&args, console),
+        Command::Validate(args) => validate::run(&args, console),
+        Command::Chart(args) => chart::run(&args, console),
+        Command::Compare(args) => compare::run(&args, console),
         Command::Materials => console.show("materials", &MaterialsReport::of_presets()),
-        Command::Methods(args) => methods::run(&args, &console),
-        Command::Demo(args) => demo::run(&args, &console),
-        Command::Completions(args) => completions::run(&args, command(), &console),
+        Command::Methods(args) => methods::run(&args, console),
+        Command::Demo(args) => demo::run(&args, console),
+        Command::Completions(args) => completions::run(&args, command(), console),
+        Command::Man(args) => man::run(&args, command(), console),
         // Has run above: a window must be on the main thread.
         Command::Relight(_) => Ok(ExitCode::Ok),
     });

@@ -61,10 +61,13 @@ pub(super) struct RelightArgs {
 
 /// Report of an animation.
 #[derive(Serialize)]
-struct AnimationReport<'a> {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(super) struct AnimationReport<'a> {
     #[serde(serialize_with = "crate::report::path")]
+    #[cfg_attr(test, schemars(with = "String"))]
     folder: &'a std::path::Path,
-    timings: &'a Timings,
+    /// The same as the file of timings.
+    animation: &'a Timings,
 }
 
 /// Runs on the main thread, as a window must; work goes to `pool`.
@@ -131,7 +134,7 @@ fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &C
         "{frames} frames in {folder} | transport on {place}, drawn by {drawn} | median {total:.1} ms: light {light:.1}, \
          transport {transport:.1}, draw {draw:.1}"
     ));
-    console.report("relight", &AnimationReport { folder: out, timings: &timings })
+    console.report("relight", &AnimationReport { folder: out, animation: &timings })
 }
 
 #[cfg(not(feature = "gui"))]
@@ -144,7 +147,8 @@ fn window(_: &RelightArgs, _: &Console, _: Arc<rayon::ThreadPool>) -> Result<Exi
 /// Report of a window's run.
 #[cfg(feature = "gui")]
 #[derive(Serialize)]
-struct WindowRun<'a> {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(super) struct WindowRun<'a> {
     method: &'a str,
     lights: &'a [String],
     window: &'a crate::relight::timings::WindowReport,

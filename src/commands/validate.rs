@@ -19,7 +19,7 @@ pub(super) struct ValidateArgs {
 }
 
 pub(super) fn run(args: &ValidateArgs, console: &Console) -> Result<ExitCode> {
-    many::show("validate", &args.assets, console, |path| {
+    many::show("validate", &args.assets, console, many::Text::Always, |path| {
         // What was scanned, and sections as they are evaluated.
         check_file(path, 3, console)?;
         let result = console.with_limits(FEWER, |limits| validate(path, &console.registry, limits, console))?;

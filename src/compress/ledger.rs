@@ -17,6 +17,7 @@ pub const TOGETHER: &str = "together";
 
 /// The error that one stage added.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Entry {
     /// Name of the stage.
     pub stage: String,
@@ -28,6 +29,7 @@ pub struct Entry {
 
 /// Errors by stage, in the order of the pipeline.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Ledger {
     /// One entry a stage.
     pub entries: Vec<Entry>,

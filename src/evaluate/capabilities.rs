@@ -2,6 +2,7 @@
 
 /// The edits that an evaluator allows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Capabilities {
     /// Material properties that may change without a new bake.
     pub material: MaterialEdit,
@@ -19,6 +20,7 @@ impl Capabilities {
 
 /// Material properties that may change without a new bake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum MaterialEdit {
     /// Nothing: the material is baked in.
@@ -29,6 +31,7 @@ pub enum MaterialEdit {
 
 /// Use of source radiance fields for area lights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum SourceFields {
     /// Not possible: there are no irradiance rows at the samples.
@@ -39,6 +42,7 @@ pub enum SourceFields {
 
 /// Radial profiles that an evaluator takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum ProfileEdit {
     /// Only the profile that its transport was computed for.
@@ -53,6 +57,7 @@ pub enum ProfileEdit {
 
 /// Size of what an evaluator holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Cost {
     /// Surface samples.
     pub samples: usize,

@@ -10,6 +10,7 @@ use crate::transport::irradiance::LightSampling;
 
 /// Numbers of a scene that costs follow from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Body {
     /// Source vertices.
     pub vertices: usize,

@@ -23,6 +23,7 @@ const MARGIN: f64 = 2.0;
 
 /// Settings of inter-reflection outside the medium.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Outside {
     /// Number of bounces, times that light falls on the surface again, at least 1.
     pub times: u32,

@@ -117,6 +117,7 @@ impl<D: Domain> Domain for Auto<D> {
 
 /// The users who need a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Audience {
     /// Everybody who bakes: listed by `methods NAME`.

@@ -43,6 +43,7 @@ pub trait TowardsEye: Sync {
 
 /// Phase function of single scattering.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum Scattering {
     /// Isotropic, with reduced coefficients.
     Isotropic,
@@ -62,6 +63,7 @@ impl Scattering {
 
 /// Settings of single scattering by rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Traced {
     /// Phase function.
     pub scattering: Scattering,

@@ -356,6 +356,7 @@ fn measure(mesh: &Mesh, facets: &[Facet]) -> Patch {
 
 /// Statistics of the spacing between samples.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Spacing {
     /// sqrt(mean area), mm.
     pub nominal_mm: f64,

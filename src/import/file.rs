@@ -8,6 +8,7 @@ use crate::io;
 
 /// A file that a scene, a light or a picture was made from.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Input {
     /// File name without its folder.
     pub name: String,

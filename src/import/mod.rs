@@ -65,6 +65,7 @@ pub struct Source {
 
 /// The record of a scene's origin, independent of time and place.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Origin {
     /// Files that the scene was made from.
     pub inputs: Vec<Input>,

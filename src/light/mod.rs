@@ -71,6 +71,7 @@ pub enum Light {
 
 /// The kinds of light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum LightKind {
     /// [`Light::Constant`].

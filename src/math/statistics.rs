@@ -4,6 +4,7 @@ use glam::DVec3;
 
 /// Errors of per-vertex values relative to the reference's RMS of the channel; the worst channel of each figure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct VertexError {
     /// Area-weighted root mean square of the difference.
     pub rms: f64,
@@ -59,6 +60,7 @@ impl VertexError {
 
 /// Quantiles by nearest rank.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Quantiles {
     /// A tenth is below.
     pub p10: f64,

@@ -55,6 +55,7 @@ impl Default for Settings {
 
 /// Exposures at equal distances; a picture is multiplied by 2 to the power of each.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Exposures {
     /// The darkest picture, in stops: the brightest pixel is just below white.
     pub start: f64,
@@ -68,6 +69,7 @@ pub struct Exposures {
 
 /// Source of the exposures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum ExposuresFrom {
     /// The reference picture.

@@ -2,6 +2,7 @@
 
 /// Errors of one pair of pictures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct ImageError {
     /// RMS over the covered pixels and the three channels.
     pub rms: f64,

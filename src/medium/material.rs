@@ -19,10 +19,13 @@ pub const DEFAULT_ETA: f64 = 1.3;
 
 /// Optical properties of a homogeneous medium. Channels are linear sRGB; coefficients in 1/mm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct OpticalProperties {
     /// Reduced scattering coefficient sigma_s' = sigma_s (1 - g).
+    #[cfg_attr(test, schemars(with = "[f64; 3]"))]
     pub sigma_s_reduced_per_mm: DVec3,
     /// Absorption coefficient.
+    #[cfg_attr(test, schemars(with = "[f64; 3]"))]
     pub sigma_a_per_mm: DVec3,
     /// Mean cosine of the scattering angle, in (-1, 1); positive is forward.
     pub g: f64,
@@ -122,6 +125,7 @@ impl OpticalProperties {
 
 /// A medium with a name for reports.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Material {
     /// Name of the preset, the file, or `custom`.
     pub name: String,

@@ -11,10 +11,11 @@ use crate::report::text::{megabytes, percent, significant};
 use crate::scene::Scene;
 
 /// Identifies the shape of the JSON.
-pub const SCHEMA: &str = "translux.plan.v0";
+pub const SCHEMA: &str = "translux.plan.v1";
 
 /// Why a candidate was not chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Left {
     /// It cannot serve the lights, the edits or the model asked for.
@@ -37,6 +38,7 @@ pub enum Left {
 
 /// A way to bake that was considered.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Considered {
     /// Method and keys.
     pub family: String,
@@ -58,6 +60,7 @@ pub struct Considered {
 
 /// What an asset is expected to be before it is baked. Times are those of the nominal machine of the cost model.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Expected {
     /// Size of the file, bytes.
     pub bytes: u64,
@@ -123,6 +126,7 @@ impl Considered {
 
 /// An asset that was baked and measured from end to end.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Attempt {
     /// Index among the considered ones.
     pub considered: usize,
@@ -144,6 +148,7 @@ pub struct Attempt {
 
 /// Wall-clock times of this run. Nothing else in a plan depends on them, but for what `--max-relight-ms` and `--max-bake-s` are judged by.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Timings {
     /// Measurements for the choice.
     pub choice_s: f64,
@@ -161,6 +166,7 @@ pub struct Timings {
 
 /// A plan and what came of it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Plan {
     /// Always [`SCHEMA`].
     pub schema: &'static str,

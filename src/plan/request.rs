@@ -21,6 +21,7 @@ const PATIENCE_BAKE_S: f64 = 600.0;
 
 /// Edits of the material that an asset must allow.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Edits {
     /// None: the material may be baked in.
@@ -50,6 +51,7 @@ impl Edits {
 
 /// What is asked of an asset: limits that it must keep. What is not named is free.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Request {
     /// Largest relative RMS error of transport under any light of the kinds asked for.
     pub max_rms: f64,

@@ -8,10 +8,11 @@ use crate::math::statistics::Quantiles;
 use crate::render::camera::Resolution;
 
 /// Identifies the shape of the file of timings.
-pub const SCHEMA: &str = "translux-relight-timings/1";
+pub const SCHEMA: &str = "translux.relight-timings.v1";
 
 /// The adapter that drew.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Adapter {
     /// Name from the driver.
     pub name: String,
@@ -35,6 +36,7 @@ impl Adapter {
 
 /// A figure in milliseconds for each stage of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Stages<T> {
     /// Milliseconds from the lights to the irradiance at the start of the transport.
     pub light_ms: T,
@@ -48,6 +50,7 @@ pub struct Stages<T> {
 
 /// Milliseconds of one frame.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct FrameTime {
     /// File name of its picture.
     pub file: String,
@@ -71,6 +74,7 @@ impl Stages<Quantiles> {
 
 /// Timings of an animation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Timings {
     /// Always [`SCHEMA`].
     pub schema: &'static str,
@@ -102,6 +106,7 @@ pub struct Timings {
 
 /// Speed of the window.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct WindowReport {
     /// The adapter that drew.
     pub adapter: Adapter,

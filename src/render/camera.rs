@@ -22,6 +22,7 @@ const PARALLEL_SINE: f64 = 1e-6;
 
 /// Size of a picture in pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Resolution {
     /// Pixels in a row.
     pub width: usize,

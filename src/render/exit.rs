@@ -6,6 +6,7 @@ use crate::medium::fresnel::{diffuse_transmittance, transmittance};
 
 /// Normalisation of the exit Fresnel factor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, clap::ValueEnum)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum ExitFresnel {
     /// `L = F_t(eta, mu) B / (pi C)` with `C = 2 Int_0^1 F_t mu dmu`, so that `Int L mu dw = B`.

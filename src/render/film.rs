@@ -176,6 +176,7 @@ fn scattered(p: &Pixel) -> [f32; 3] {
 
 /// Storage of the colours of an OpenEXR picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, clap::ValueEnum)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum ColourType {
     /// 16 bits: 11 significant bits up to 65504, where brighter values are clamped.

@@ -15,6 +15,7 @@ use crate::progress::Progress;
 
 /// Source of the single scattering in a picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum SingleLayer {
     /// The picture has none.
@@ -28,6 +29,7 @@ pub enum SingleLayer {
 
 /// Places where exitance is evaluated for a picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, clap::ValueEnum)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum ExitanceAt {
     /// At the vertices, interpolated linearly over each triangle.

@@ -22,6 +22,7 @@ pub const MIN_ALPHA: f64 = 1e-3;
 
 /// Perceptual roughness in [0, 1], the square root of the width `alpha` of the lobe.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(transparent)]
 pub struct Roughness(f64);
 

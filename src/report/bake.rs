@@ -20,9 +20,11 @@ const DARK: f64 = 0.1;
 
 /// Report of a bake.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(crate) struct BakeReport {
     pub(crate) method: String,
     #[serde(serialize_with = "super::path")]
+    #[cfg_attr(test, schemars(with = "String"))]
     pub(crate) output: PathBuf,
     pub(crate) vertices: usize,
     pub(crate) triangles: usize,

@@ -13,10 +13,12 @@ use crate::transport::random_walk::tally::Budget;
 
 /// Radiosity that was written.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(crate) struct RadiosityReport {
     pub(crate) lights: Vec<String>,
     pub(crate) inputs: Vec<Input>,
     #[serde(serialize_with = "super::paths")]
+    #[cfg_attr(test, schemars(with = "Vec<String>"))]
     pub(crate) outputs: Vec<PathBuf>,
     pub(crate) vertices: usize,
     /// Vertices on no translucent surface, whose radiosity is 0.
@@ -47,6 +49,7 @@ pub(crate) fn mean_and_max(values: &[DVec3]) -> ([f64; 3], [f64; 3]) {
 
 /// Report of an asset under lights.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(crate) struct EvaluationReport {
     pub(crate) method: String,
     /// Model of the light inside: `dipole` or `calibrated`.
@@ -67,6 +70,7 @@ pub(crate) struct EvaluationReport {
 
 /// Report of an asset's object on another mesh.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(crate) struct OnMeshReport {
     pub(crate) method: String,
     #[serde(flatten)]
@@ -83,6 +87,7 @@ pub(crate) struct OnMeshReport {
 
 /// Report of a random walk.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(crate) struct WalkReport {
     pub(crate) model: &'static str,
     #[serde(flatten)]

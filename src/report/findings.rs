@@ -27,6 +27,7 @@ use crate::medium::entrance_basis::EntranceBasis;
 
 /// Severity of a finding: whether the asset can be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Severity {
     /// The asset cannot be used, or gives wrong results.
@@ -59,6 +60,7 @@ pub struct FindingKind {
 
 /// A fault of an asset, or an oddity.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Finding {
     /// Number, whose meaning never changes: those of the format up to 99, those of [`CATALOGUE`] from 100 on.
     pub number: u16,

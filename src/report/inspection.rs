@@ -25,9 +25,11 @@ pub(crate) const PLAN: &str = "plan: ";
 
 /// The contents of an asset.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Inspection {
     /// The asset's file.
     #[serde(serialize_with = "super::path")]
+    #[cfg_attr(test, schemars(with = "String"))]
     pub asset: PathBuf,
     /// Method that baked it.
     pub method: String,
@@ -61,6 +63,7 @@ pub struct Inspection {
 }
 
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 struct PartRow {
     name: String,
     medium: Option<String>,

@@ -10,6 +10,7 @@ use crate::medium::material::{Medium, OpticalProperties, PRESETS};
 
 /// A medium and its lengths, RGB.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct MediumReport {
     pub(crate) name: String,
     #[serde(flatten)]
@@ -34,11 +35,13 @@ impl MediumReport {
 
 /// The measured materials.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(crate) struct MaterialsReport {
     materials: Vec<MaterialRow>,
 }
 
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 struct MaterialRow {
     #[serde(flatten)]
     medium: MediumReport,

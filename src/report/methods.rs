@@ -21,6 +21,7 @@ pub(crate) enum Shown {
 
 /// Methods with their keys.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(crate) struct MethodsReport {
     methods: Vec<MethodRow>,
     #[serde(skip)]
@@ -28,6 +29,7 @@ pub(crate) struct MethodsReport {
 }
 
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 struct MethodRow {
     name: &'static str,
     summary: &'static str,
@@ -38,6 +40,7 @@ struct MethodRow {
 }
 
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 struct KeyRow {
     name: &'static str,
     default: &'static str,

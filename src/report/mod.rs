@@ -43,6 +43,7 @@ use crate::error::{Error, Result};
 
 /// Time that a stage took.
 #[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct StageTime {
     /// Name of the stage.
     pub stage: String,
@@ -50,9 +51,10 @@ pub struct StageTime {
     pub seconds: f64,
 }
 
-/// The run that a report belongs to.
+/// What differs from run to run of the same work; everything else in a report is the same.
 #[derive(Clone, Debug, Serialize)]
-pub struct Run {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct Timings {
     /// Wall-clock seconds in total.
     pub seconds: f64,
     /// Stages in the order of their first start; one that ran several times has one entry with the sum.
@@ -63,14 +65,25 @@ pub struct Run {
     pub peak_memory_bytes: u64,
     /// Worker threads.
     pub threads: usize,
+}
+
+/// The run that a report belongs to.
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct Run {
     /// Warnings of the program, one line each.
     pub warnings: Vec<String>,
+    /// What differs from run to run.
+    pub timings: Timings,
 }
 
 /// A report with its schema and its run.
 #[derive(Debug, Serialize)]
-struct Envelope<'a, T: Serialize> {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(crate) struct Envelope<'a, T: Serialize> {
+    /// Name of the schema.
     schema: String,
+    /// Version of the program.
     version: &'static str,
     #[serde(flatten)]
     body: &'a T,
@@ -78,13 +91,24 @@ struct Envelope<'a, T: Serialize> {
     run: &'a Run,
 }
 
-/// The report of a command as JSON, with the schema `translux.COMMAND.v0`.
+/// The report of a command as JSON, with the schema `translux.COMMAND.v1`.
 ///
 /// # Errors
 /// Run time: a body that JSON cannot hold.
 pub fn json<T: Serialize>(command: &str, body: &T, run: &Run) -> Result<String> {
-    let envelope = Envelope { schema: format!("translux.{command}.v0"), version: env!("CARGO_PKG_VERSION"), body, run };
-    serde_json::to_string_pretty(&envelope).map_err(|e| Error::runtime(format!("report: {e}")))
+    serde_json::to_string_pretty(&envelope(command, body, run)).map_err(|e| Error::runtime(format!("report: {e}")))
+}
+
+/// The same as a value, for a report of many.
+///
+/// # Errors
+/// As [`json`].
+pub(crate) fn document<T: Serialize>(command: &str, body: &T, run: &Run) -> Result<serde_json::Value> {
+    serde_json::to_value(envelope(command, body, run)).map_err(|e| Error::runtime(format!("report: {e}")))
+}
+
+fn envelope<'a, T: Serialize>(command: &str, body: &'a T, run: &'a Run) -> Envelope<'a, T> {
+    Envelope { schema: format!("translux.{command}.v1"), version: env!("CARGO_PKG_VERSION"), body, run }
 }
 
 /// Serialises a path as text; bytes that are not UTF-8 are replaced, because a report is not worth failing for.

@@ -17,6 +17,7 @@ use crate::scene::Scene;
 
 /// Report of a picture.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(crate) struct RenderReport {
     pub(crate) method: String,
     pub(crate) materials: Vec<String>,

@@ -7,6 +7,7 @@ use crate::error::{Error, Result};
 
 /// Bytes of an asset by purpose.
 #[derive(Clone, Debug, Default, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Sizes {
     /// The whole file.
     pub file: u64,
@@ -26,6 +27,7 @@ pub struct Sizes {
 
 /// All sections of one kind.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(super) struct KindSize {
     pub(super) kind: &'static str,
     pub(super) sections: usize,
@@ -35,6 +37,7 @@ pub(super) struct KindSize {
 
 /// One section.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(super) struct SectionSize {
     pub(super) tag: String,
     pub(super) kind: &'static str,

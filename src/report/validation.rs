@@ -16,9 +16,11 @@ use crate::progress::{Progress, stage};
 
 /// The findings about an asset.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Validation {
     /// The asset's file.
     #[serde(serialize_with = "super::path")]
+    #[cfg_attr(test, schemars(with = "String"))]
     pub asset: PathBuf,
     /// Length of the file.
     pub bytes: usize,

@@ -80,7 +80,7 @@ fn threads_come_from_the_environment_too() {
         program.args(["materials", "--json"]).output().unwrap()
     };
     let report: serde_json::Value = serde_json::from_slice(&run("3").stdout).unwrap();
-    assert_eq!(report["threads"], 3);
+    assert_eq!(report["timings"]["threads"], 3);
     assert_eq!(run("many").status.code(), Some(1));
     assert_eq!(run("0").status.code(), Some(1));
 }

@@ -31,7 +31,8 @@ fn a_chart_is_measured_and_shown_and_goes_on_where_it_was_interrupted() {
 
 fn every_row_is_measured_and_says_how_to_make_it_again(folder: &Folder, report: &Value) {
     let chart = chart(folder);
-    assert_eq!(chart["schema"], "translux-chart/1");
+    crate::common::schema::check(&chart);
+    assert_eq!(chart["schema"], "translux.chart-file.v1");
     assert_eq!(report["chart"], chart);
     let rows = chart["rows"].as_array().unwrap();
     let names: Vec<(&str, &str)> =

@@ -21,7 +21,8 @@ fn every_size_is_measured_once_and_says_how_to_make_it_again() {
     let folder = Folder::new();
     let report = folder.run(&format!("{LINE} --json --limit-seconds 60")).ok().json();
     let first = growth(&folder);
-    assert_eq!((&first["schema"], &report["growth"]), (&Value::from("translux-growth/1"), &first));
+    crate::common::schema::check(&first);
+    assert_eq!((&first["schema"], &report["growth"]), (&Value::from("translux.growth-file.v1"), &first));
     for axis in ["vertices", "samples", "ratio"] {
         let of_axis: Vec<&Value> = points(&first).iter().filter(|p| p["axis"] == axis).collect();
         assert_eq!(of_axis.len(), 3, "{axis}");

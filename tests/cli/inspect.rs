@@ -86,7 +86,11 @@ fn only_directory_and_records_are_read() {
     folder.write("large.tlux", asset.to_bytes().unwrap());
     let report = folder.run("inspect large.tlux --json").ok().json();
     assert_eq!(report["sizes"]["file"].as_u64().unwrap() >> 20, 120);
-    assert!(report["peak_memory_bytes"].as_u64().unwrap() < 40 << 20, "{}", report["peak_memory_bytes"]);
+    assert!(
+        report["timings"]["peak_memory_bytes"].as_u64().unwrap() < 40 << 20,
+        "{}",
+        report["timings"]["peak_memory_bytes"]
+    );
     folder.run("inspect large.tlux --max-memory 40MB").ok();
     folder.run("inspect large.tlux --deep --max-memory 40MB").fails(4, &["large.tlux"]);
 }

@@ -67,7 +67,7 @@ fn exitance_is_evaluated_at_pixels_by_what_gathers_and_refused_by_the_rest() {
         let report =
             folder.run(&format!("{line} --threads {threads} --exitance pixels -o {threads}.exr --json")).ok().json();
         assert_eq!(report["exitance"], "pixels");
-        assert!(report["stages"].as_array().unwrap().iter().any(|stage| stage["stage"] == "transfer"));
+        assert!(report["timings"]["stages"].as_array().unwrap().iter().any(|stage| stage["stage"] == "transfer"));
     }
     assert_eq!(folder.read("1.exr"), folder.read("4.exr"));
     assert!(folder.read("1.exr").windows(24).any(|w| w == b"at what each pixel sees,"));

@@ -14,6 +14,7 @@ fn folder() -> Folder {
 /// A plan without what differs from run to run.
 fn plan(folder: &Folder, file: &str) -> Value {
     let mut plan: Value = serde_json::from_slice(&folder.read(file)).unwrap();
+    crate::common::schema::check(&plan);
     let timings = plan.as_object_mut().unwrap().remove("timings").unwrap();
     assert!(timings["total_s"].as_f64().unwrap() > 0.0);
     plan
@@ -31,7 +32,7 @@ fn a_bake_without_a_method_meets_its_request_and_says_how_it_chose() {
     let bake = "bake ball.obj --unit mm --material marble --for-lights directional,constant --max-rms 1%";
     let report = folder.run(&format!("{bake} -o a.tlux --report a.json --json")).ok().json();
     let made = plan(&folder, "a.json");
-    assert_eq!(made["schema"], "translux.plan.v0");
+    assert_eq!(made["schema"], "translux.plan.v1");
     assert!(made["misses"].as_array().unwrap().is_empty() && made["would_meet"].is_null());
     let (attempt, chosen) = kept(&made);
     assert!(attempt["error"]["rms"].as_f64().unwrap() <= 0.01, "{attempt}");

@@ -29,8 +29,9 @@ fn every_frame_turns_the_lights_and_the_timings_are_complete() {
         let report = folder.run(&line).ok().json();
         let text = String::from_utf8(folder.read(&format!("{device}/timings.json"))).unwrap();
         let timings: serde_json::Value = serde_json::from_str(&text).unwrap();
-        assert_eq!(timings, report["timings"]);
-        assert_eq!(timings["schema"], "translux-relight-timings/1");
+        crate::common::schema::check(&timings);
+        assert_eq!(timings, report["animation"]);
+        assert_eq!(timings["schema"], "translux.relight-timings.v1");
         assert_eq!(timings["frames"].as_array().unwrap().len(), 4);
         assert_eq!(timings["adapter"].is_null(), device == "cpu" || timings["adapter"].is_null());
         assert!(timings["vertices"].as_u64().unwrap() > 100 && timings["samples"].as_u64().unwrap() > 100);
@@ -66,7 +67,7 @@ fn the_first_frame_is_exposed_as_render_does() {
     let report = folder.run(&format!("render ball.tlux {view} --samples-per-pixel 4 -o a.png --json")).ok().json();
     let line = format!("relight ball.tlux {view} --headless --frames 1 --out one --device cpu --json");
     let timings = folder.run(&line).ok().json();
-    assert_eq!(timings["timings"]["exposure_factor"], report["exposure_factor"]);
+    assert_eq!(timings["animation"]["exposure_factor"], report["exposure_factor"]);
 }
 
 #[test]

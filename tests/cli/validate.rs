@@ -51,7 +51,7 @@ fn changed(change: impl FnOnce(&mut AssetFile)) -> (i32, Vec<(u64, String, Optio
 fn nothing_is_wrong_with_what_bake_writes() {
     let (code, report) = validate(&GOOD);
     assert_eq!((code, findings(&report)), (0, vec![]), "{report}");
-    assert_eq!(report["schema"], "translux.validate.v0");
+    assert_eq!(report["schema"], "translux.validate.v1");
     assert_eq!((&report["errors"], &report["finding_warnings"]), (&0.into(), &0.into()));
     assert_eq!(report["format_version"], "0.2");
     let folder = Folder::new();

@@ -1,6 +1,8 @@
 //! What the tests of the command line share: a folder of its own for each test, small models, the program's outcome.
 #![allow(clippy::unwrap_used, missing_docs, dead_code, unreachable_pub)]
 
+pub mod schema;
+
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -112,9 +114,13 @@ impl Outcome {
         String::from_utf8(self.stdout.clone()).unwrap()
     }
 
+    /// The report, which its schema describes.
     #[track_caller]
     pub fn json(&self) -> Value {
-        serde_json::from_slice(&self.stdout).unwrap_or_else(|e| panic!("`{}`: {e}: {}", self.line, self.text()))
+        let report = serde_json::from_slice(&self.stdout);
+        let report = report.unwrap_or_else(|e| panic!("`{}`: {e}: {}", self.line, self.text()));
+        schema::check(&report);
+        report
     }
 }
 

@@ -29,15 +29,30 @@ pub(super) enum Outcome {
 /// The cost of a bake as its report tells it.
 #[derive(Deserialize)]
 pub(super) struct BakeCost {
-    pub(super) seconds: f64,
+    timings: CostTimings,
+}
+
+#[derive(Deserialize)]
+struct CostTimings {
+    seconds: f64,
     stages: Vec<StageTime>,
-    pub(super) peak_memory_bytes: u64,
+    peak_memory_bytes: u64,
 }
 
 impl BakeCost {
+    /// Wall-clock seconds.
+    pub(super) fn seconds(&self) -> f64 {
+        self.timings.seconds
+    }
+
+    /// Largest resident size, bytes.
+    pub(super) fn peak_memory_bytes(&self) -> u64 {
+        self.timings.peak_memory_bytes
+    }
+
     /// Names and seconds of the stages.
     pub(super) fn stages(&self) -> Vec<(String, f64)> {
-        self.stages.iter().map(|s| (s.stage.clone(), s.seconds)).collect()
+        self.timings.stages.iter().map(|s| (s.stage.clone(), s.seconds)).collect()
     }
 }
 

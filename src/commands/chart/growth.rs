@@ -3,8 +3,9 @@
 
 mod point;
 
-use std::collections::BTreeMap;
 use std::path::PathBuf;
+
+use serde::Serialize;
 
 use self::point::{Measurer, Place, Shape};
 use super::arguments::ChartArgs;
@@ -148,7 +149,14 @@ pub(super) fn run(args: &ChartArgs, methods: &[&'static dyn Method], console: &C
         console.note(&format!("faster than size: {}", finding_text(finding)));
     }
     console.say(&format!("{} (after {})", page.display(), duration(console.seconds())))?;
-    console.report("chart", &BTreeMap::from([("growth", &growth)]))
+    console.report("chart", &GrowthReport { growth: &growth })
+}
+
+/// Report of how figures grow with the size of the model.
+#[derive(Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(in crate::commands) struct GrowthReport<'a> {
+    growth: &'a Growth,
 }
 
 /// The light that is timed: its text form, the light, and its files.

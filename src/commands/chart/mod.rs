@@ -11,10 +11,12 @@ mod subject;
 mod timing;
 mod truth;
 
-use std::collections::BTreeMap;
+use serde::Serialize;
 
 use self::adapter::Adapter;
 pub(super) use self::arguments::ChartArgs;
+#[cfg(test)]
+pub(super) use self::growth::GrowthReport;
 use self::subject::{Subject, machine};
 use self::timing::Repetitions;
 use super::console::{Console, in_range};
@@ -85,7 +87,14 @@ pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
     }
     let page = console.stage("write", || report::chart::write(&chart, &pictures, &args.output))?;
     console.say(&format!("{} (after {})", page.display(), duration(console.seconds())))?;
-    console.report("chart", &BTreeMap::from([("chart", &chart)]))
+    console.report("chart", &ChartReport { chart: &chart })
+}
+
+/// Report of a chart.
+#[derive(Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(super) struct ChartReport<'a> {
+    chart: &'a Chart,
 }
 
 fn say(row: &Row, console: &Console) {

@@ -27,6 +27,7 @@ pub struct MeanFreePath {
 
 /// Measurements of one part.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct PartCheck {
     /// The part itself.
     #[serde(flatten)]

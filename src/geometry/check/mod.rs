@@ -14,6 +14,7 @@ const WARNING_SHARE: f64 = 0.05;
 
 /// Findings of the mesh check.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct MeshCheck {
     /// Vertices of the source.
     pub vertices: usize,

@@ -18,6 +18,7 @@ const MAX_ORIGIN_MM: f64 = 1e12;
 
 /// Counts of the defects and repairs between the source and the mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RepairReport {
     /// Vertices of the source.
     pub source_vertices: usize,

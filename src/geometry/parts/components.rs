@@ -10,6 +10,7 @@ use crate::geometry::mesh::{Chain, EdgeTable, Mesh, POSITION_RESOLUTION, RepairR
 
 /// Closure of a surface: closed if it bounds a volume.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Closure {
     /// Every edge has an even number of triangles, slits of no width aside.
@@ -20,6 +21,7 @@ pub enum Closure {
 
 /// Why the winding of a piece of surface cannot be told.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum WindingDoubt {
     /// It has one side only.

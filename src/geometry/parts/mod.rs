@@ -27,6 +27,7 @@ pub const TOUCH_TOLERANCE: f64 = 1e-5;
 
 /// Rule by which components of one medium become parts (`--parts`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, clap::ValueEnum)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum PartsRule {
     /// Components that touch, overlap or lie inside a closed one are one part.
@@ -40,6 +41,7 @@ pub enum PartsRule {
 
 /// Surface that exchanges light within itself and with no other part.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Part {
     /// Material of the first triangle, numbered from the second part of that name on (`skin`, `skin 2`).
     pub name: String,

@@ -7,6 +7,7 @@ use crate::geometry::mesh::{Mesh, material_indices};
 
 /// Optical role of a material of the source.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Role {
     /// Translucent, with the medium of this index.

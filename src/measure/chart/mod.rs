@@ -13,10 +13,11 @@ use crate::math::statistics::{Quantiles, VertexError};
 use crate::transport::random_walk::model_error::ModelError;
 
 /// Identifies the shape of the JSON.
-pub const SCHEMA: &str = "translux-chart/1";
+pub const SCHEMA: &str = "translux.chart-file.v1";
 
 /// The machine on which the rows were measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Machine {
     /// Name that the processor reports.
     pub processor: String,
@@ -28,6 +29,7 @@ pub struct Machine {
 
 /// The reference that all rows of one model and material are compared with.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Truth {
     /// Model, as it was named.
     pub model: String,
@@ -55,6 +57,7 @@ impl Truth {
 
 /// The difference between dipole and random walk under one light.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct ModelLine {
     /// The light as it would be typed.
     pub light: String,
@@ -68,6 +71,7 @@ pub struct ModelLine {
 
 /// Errors under one light.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct LightError {
     /// The light as it would be typed.
     pub light: String,
@@ -86,6 +90,7 @@ pub struct LightError {
 
 /// Errors of one picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct PictureError {
     /// RMS over covered pixels.
     pub rms: f64,
@@ -108,6 +113,7 @@ impl PictureError {
 
 /// A method at one setting, on one model of one material.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Row {
     /// Model, as it was named.
     pub model: String,
@@ -167,6 +173,7 @@ pub struct Row {
 
 /// Times on a graphics adapter.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct DeviceRow {
     /// Name, kind and backend: software adapters say so.
     pub adapter: String,
@@ -178,6 +185,7 @@ pub struct DeviceRow {
 
 /// The whole measurement.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Chart {
     /// Always [`SCHEMA`].
     pub schema: String,

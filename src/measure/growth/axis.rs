@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 /// The size that is varied; everything else is fixed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Axis {
     /// Vertices of the surface.
@@ -45,6 +46,7 @@ impl Axis {
 
 /// A measured cost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Quantity {
     /// Duration of the whole bake, s.

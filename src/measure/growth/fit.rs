@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 /// A fitted power law.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct PowerLaw {
     /// Exponent.
     pub exponent: f64,

@@ -17,7 +17,7 @@ use super::chart::Machine;
 use crate::math::statistics::Quantiles;
 
 /// Identifies the shape of the JSON.
-pub const SCHEMA: &str = "translux-growth/1";
+pub const SCHEMA: &str = "translux.growth-file.v1";
 
 /// A cost with an exponent above this grows faster than size.
 pub const FASTER_THAN_SIZE: f64 = 1.1;
@@ -86,6 +86,7 @@ impl Quantity {
 
 /// The measured costs of an asset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Costs {
     /// Surface samples that the bake placed.
     pub samples: usize,
@@ -113,6 +114,7 @@ pub struct Costs {
 
 /// The part of a point that was not measured, and the reason.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Skipped {
     /// The missing part.
     pub what: Missing,
@@ -122,6 +124,7 @@ pub struct Skipped {
 
 /// The part of a point that is missing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Missing {
     /// The bake, and with it everything.
@@ -142,6 +145,7 @@ impl Missing {
 
 /// The measurement of a method at one size.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Point {
     /// The size that is varied.
     pub axis: Axis,
@@ -165,6 +169,7 @@ pub struct Point {
 
 /// Growth of one cost of one method along one axis.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Growing {
     /// The size that is varied.
     pub axis: Axis,
@@ -186,6 +191,7 @@ pub struct Growing {
 
 /// Limits of the measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Limits {
     /// Largest predicted duration, s, of a bake or a new light that is started; [`MARGIN`] is allowed on top.
     pub seconds: f64,
@@ -219,6 +225,7 @@ impl Limits {
 
 /// The whole measurement.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Growth {
     /// Always [`SCHEMA`].
     pub schema: String,

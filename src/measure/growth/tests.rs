@@ -114,7 +114,7 @@ fn the_table_has_a_line_for_each_point_and_the_json_comes_back() {
     assert!(lines[7].contains(",bake,<too> much memory,"), "{}", lines[7]);
     let json = serde_json::to_string(&growth).unwrap();
     let value: serde_json::Value = serde_json::from_str(&json).unwrap();
-    assert_eq!(value["schema"], "translux-growth/1");
+    assert_eq!(value["schema"], "translux.growth-file.v1");
     assert_eq!(value["points"][6]["skipped"]["what"], "bake");
     assert!(value["points"][6]["costs"].is_null());
     let back: Growth = serde_json::from_str(&json).unwrap();

@@ -23,6 +23,7 @@ pub type Open<'a> = dyn Fn(&Arc<Asset>, &Path) -> Result<Box<dyn Evaluator>> + '
 
 /// Differences of two assets by section, setting and provenance.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct AssetDifference {
     sections: Vec<SectionPair>,
     settings: Vec<Difference>,
@@ -33,6 +34,7 @@ pub struct AssetDifference {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 enum Status {
     Equal,
@@ -42,6 +44,7 @@ enum Status {
 }
 
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 struct SectionPair {
     tag: String,
     /// Result of the comparison of type and decoded bytes.
@@ -53,6 +56,7 @@ struct SectionPair {
 }
 
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 struct Difference {
     key: String,
     a: Option<String>,
@@ -60,6 +64,7 @@ struct Difference {
 }
 
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(super) struct ProbeError {
     light: &'static str,
     pub(super) error: VertexError,

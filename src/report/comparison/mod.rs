@@ -23,6 +23,7 @@ use crate::progress::Progress;
 
 /// The error measure of a comparison.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, clap::ValueEnum)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Metric {
     /// Area-weighted RMS over vertices, worst channel; RMS over covered pixels for pictures.
@@ -50,12 +51,15 @@ impl Metric {
 
 /// The error of the first of two files against the second.
 #[derive(Clone, Debug, Default, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Comparison {
     /// The file under test.
     #[serde(serialize_with = "super::path")]
+    #[cfg_attr(test, schemars(with = "String"))]
     pub a: PathBuf,
     /// The reference.
     #[serde(serialize_with = "super::path")]
+    #[cfg_attr(test, schemars(with = "String"))]
     pub b: PathBuf,
     /// Whether the contents are the same.
     pub equal: bool,

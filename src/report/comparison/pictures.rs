@@ -12,6 +12,7 @@ use crate::measure::image_error::{ImageError, image_error};
 
 /// HDR-FLIP of two pictures.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct FlipReport {
     /// Mean over the whole picture.
     pub mean: f64,

@@ -50,6 +50,7 @@ use crate::progress::{Progress, Silent};
 
 /// The orders of scattering that a kernel holds. Light that passes without scattering, order 0, is in none.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum Orders {
     /// One event and more.
     FromOne,
@@ -59,6 +60,7 @@ pub enum Orders {
 
 /// Settings of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Walks {
     /// Photons of each channel of a part.
     pub photons: u64,

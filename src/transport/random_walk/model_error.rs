@@ -11,6 +11,7 @@ use crate::transport::domain::Domain;
 
 /// The difference between a method and the walk, with the walk's noise taken out. Shares of the walk's RMS, by channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct ModelError {
     /// RMS of the difference over the surface, less the noise: `sqrt(max(0, mean((b - mc)^2) - mean(se^2)))`.
     pub rms: [f64; 3],

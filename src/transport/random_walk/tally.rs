@@ -117,6 +117,7 @@ impl SlotTally {
 
 /// The balance of the flux that entered, in one unit: photons, or flux once scaled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Budget {
     /// Flux that entered.
     pub entered: f64,

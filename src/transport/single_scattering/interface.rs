@@ -6,6 +6,7 @@ use crate::medium::fresnel::{refracted_cosine, transmittance};
 
 /// Form of the integrand, equation (4) of Wang, Tran and Luebke 2005.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum Form {
     /// The integrand with the change of solid angle and of radiance at the surface, `|w_i.n_i| / (eta^2 |w_i'.n_i|)`:
     /// reciprocal, and no energy is gained.

@@ -11,6 +11,7 @@ use crate::transport::receivers::parts_of_welds;
 
 /// Treatment of light whose straight way crosses more surfaces than the one it enters by.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum Crossings {
     /// The light is lost, as in the paper.
     #[default]

@@ -213,9 +213,9 @@ impl Measurer<'_> {
         let times = if skipped.is_none() { self.repetitions.times(relight)? } else { Vec::new() };
         let costs = Costs {
             samples: cost.samples,
-            bake_seconds: bake.seconds,
+            bake_seconds: bake.seconds(),
             bake_stages: bake.stages(),
-            peak_memory_bytes: bake.peak_memory_bytes,
+            peak_memory_bytes: bake.peak_memory_bytes(),
             file_bytes: sizes.file,
             bytes: sizes.stored_without_mesh,
             environment_bytes: sizes.stored_environment,
