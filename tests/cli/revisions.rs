@@ -42,8 +42,13 @@ const SLOW: (&str, &str) = ("calibrated", "--method two_pass --samples 100 --mod
 /// What all of them are lit by.
 const LIGHTS: &str = "--light directional:from=0.3,0.8,0.5:irradiance=3 --light constant:radiance=0.5";
 
-/// Difference of mean radiosity, relative, that a later revision may make of an earlier one's asset.
+/// Difference of mean radiosity, relative, that a later revision may make of an earlier one's asset, and another machine's rounding.
 const SAME: f64 = 1e-3;
+const ROUNDING: f64 = 1e-4;
+
+/// The machine that wrote the assets of a revision, and what they give.
+const MACHINE: &str = "machine.json";
+const GIVEN: &str = "given.json";
 
 fn assets() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/assets")
@@ -71,6 +76,28 @@ fn body() -> SourceModel {
     }
 }
 
+/// What rounds on a machine: its elementary functions, and the vector instructions that libraries choose by.
+fn machine() -> Value {
+    let functions = [f64::sin, f64::cos, f64::exp, f64::ln, f64::sqrt, f64::cbrt, f64::atan, f64::acos, f64::tanh];
+    let values = (1..500u32).map(|i| f64::from(i) * 0.0019);
+    let bits = values.flat_map(|x| functions.map(|f| f(x)).into_iter().chain([x.powf(1.7 + x), x.atan2(1.3 - x)]));
+    let hash = bits.fold(0xcbf2_9ce4_8422_2325_u64, |hash, x| (hash ^ x.to_bits()).wrapping_mul(0x0100_0000_01b3));
+    #[cfg(target_arch = "x86_64")]
+    let vectors = (is_x86_feature_detected!("fma"), is_x86_feature_detected!("avx512f"));
+    #[cfg(not(target_arch = "x86_64"))]
+    let vectors = (false, false);
+    json!({ "architecture": std::env::consts::ARCH, "fma": vectors.0, "avx512": vectors.1, "functions": format!("{hash:016x}") })
+}
+
+/// Returns whether mean radiosity is the same within a share of itself.
+fn is_same(new: &Value, old: &Value, within: f64) -> bool {
+    let mean = |of: &Value| -> Vec<f64> {
+        of["mean_radiosity"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
+    };
+    let (new, old) = (mean(new), mean(old));
+    new.len() == old.len() && new.iter().zip(&old).all(|(new, old)| *old > 0.0 && (new - old).abs() <= within * old)
+}
+
 /// What an asset gives under the lights.
 fn given(folder: &Folder, asset: &Path) -> Value {
     let line = format!("evaluate {} {LIGHTS} -o b.ply --json", asset.display());
@@ -86,6 +113,8 @@ fn bytes_change_with_the_revision_alone() {
     let write = std::env::var_os(WRITE).is_some();
     let mut differ = Vec::new();
     let mut results = serde_json::Map::new();
+    let read = |name: &str| -> Value { serde_json::from_slice(&std::fs::read(kept.join(name)).unwrap()).unwrap() };
+    let is_same_machine = write || machine() == read(MACHINE);
     let has_time = write || std::env::var(LONG).is_ok_and(|value| value == "1");
     for (name, options) in ASSETS.into_iter().chain(has_time.then_some(SLOW)) {
         folder.run(&format!("bake ring.obj --unit mm --material marble {options} -q -o {name}.tlux")).ok();
@@ -97,12 +126,20 @@ fn bytes_change_with_the_revision_alone() {
             != folder.read(&format!("{name}.tlux"))
         {
             let kept = kept.join(format!("{name}.tlux"));
+            // Elsewhere the last bits of elementary functions and of matrix products may be others.
+            if !is_same_machine
+                && is_same(&given(&folder, Path::new(&format!("{name}.tlux"))), &given(&folder, &kept), ROUNDING)
+            {
+                println!("{name}: other bytes, the same radiosity, on {}", machine());
+                continue;
+            }
             let sections = folder.run_words(["compare", &format!("{name}.tlux"), &kept.display().to_string()]);
             differ.push(format!("{name}:\n{}{}", sections.text(), sections.stderr));
         }
     }
     if write {
-        std::fs::write(kept.join("given.json"), format!("{:#}\n", Value::from(results))).unwrap();
+        std::fs::write(kept.join(GIVEN), format!("{:#}\n", Value::from(results))).unwrap();
+        std::fs::write(kept.join(MACHINE), format!("{:#}\n", machine())).unwrap();
     }
     assert!(
         differ.is_empty(),
@@ -120,9 +157,9 @@ fn assets_of_every_revision_open_or_say_why_not() {
     revisions.sort();
     assert!(revisions.contains(&assets().join(format!("revision_{ALGORITHM_REVISION}"))), "{revisions:?}");
     for revision in &revisions {
-        let known: Value = serde_json::from_slice(&std::fs::read(revision.join("given.json")).unwrap()).unwrap();
+        let known: Value = serde_json::from_slice(&std::fs::read(revision.join(GIVEN)).unwrap()).unwrap();
         let files = std::fs::read_dir(revision).unwrap().count();
-        assert_eq!(files, known.as_object().unwrap().len() + 1, "{}", revision.display());
+        assert_eq!(files, known.as_object().unwrap().len() + 2, "{}", revision.display());
         for (name, known) in known.as_object().unwrap() {
             let asset = revision.join(format!("{name}.tlux"));
             assert!(asset.metadata().unwrap().len() < 20_000, "{}: a few kB are enough", asset.display());
@@ -133,12 +170,7 @@ fn assets_of_every_revision_open_or_say_why_not() {
             }
             folder.run(&format!("validate {}", asset.display())).ok();
             let given = given(&folder, &asset);
-            let mean = |of: &Value| {
-                of["mean_radiosity"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect::<Vec<_>>()
-            };
-            for (new, old) in mean(&given).into_iter().zip(mean(known)) {
-                assert!(old > 0.0 && (new - old).abs() <= SAME * old, "{}: {new} for {old}", asset.display());
-            }
+            assert!(is_same(&given, known, SAME), "{}: {given} for {known}", asset.display());
             assert_eq!(given["method"], known["method"], "{}", asset.display());
         }
     }
