@@ -250,7 +250,7 @@ fn parts_media_and_shadows_go_through_a_file() {
     compare_with_reference(&scene, |method| {
         let [from, to] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
         let (first, moved) = (from.path().join("a.tlux"), to.path().join("b.tlux"));
-        let bytes = asset(method, &scene, SAMPLES).write(&first).unwrap();
+        let bytes = Shared::Group.asset(method).write(&first).unwrap();
         std::fs::rename(&first, &moved).unwrap();
         from.close().unwrap();
         assert_eq!(std::fs::metadata(&moved).unwrap().len(), bytes);
