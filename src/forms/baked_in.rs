@@ -47,16 +47,14 @@ fn sampled(scene: &Scene, samples: usize, sections: Vec<RawSection>) -> Arc<Asse
     })
 }
 
-/// Rays towards an environment of all samples together, and of one at least: neighbours look in other directions, and scattering averages over
-/// them.
+/// Rays towards an environment of all samples together, and of one at least.
 const SOFT_RAYS: usize = 1 << 24;
 const LEAST_DIRECTIONS: u32 = 32;
 
 fn gathering(samples: usize) -> Gathering {
-    let share = u32::try_from(SOFT_RAYS / samples.max(1)).unwrap_or(u32::MAX);
-    let directions = share.clamp(LEAST_DIRECTIONS, LightSampling::FAST.directions);
+    let fast = LightSampling::FAST;
     Gathering {
-        sampling: LightSampling { directions, ..LightSampling::FAST },
+        sampling: fast.with_directions_of_all(SOFT_RAYS, samples, LEAST_DIRECTIONS..=fast.directions),
         near: NearField::FAST,
         far: Far::Hierarchical { error: TRUTH_ERROR, bound: Bound::SolidAngle },
         group: GROUP,

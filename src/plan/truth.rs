@@ -37,7 +37,7 @@ const FINER_BEYOND: usize = 2;
 /// many rays in all.
 const FEWER_UNDER_SOFT_LIGHT: usize = 4;
 const SOFT_RAYS: usize = 1 << 24;
-const SOFT_DIRECTIONS: std::ops::RangeInclusive<usize> = 64..=512;
+const SOFT_DIRECTIONS: std::ops::RangeInclusive<u32> = 64..=512;
 
 /// Error of clusters of triangles under soft light over that under sharp light, at most, where it is not measured: 6 on bunny_closed under an
 /// area light, 1.5 on horse.
@@ -52,9 +52,8 @@ const TRUE_RAYS: LightSampling = LightSampling { points_per_patch: 8, directions
 /// Samples of the truth under soft light, and its rays.
 fn under_soft_light(scene: &Scene, samples: usize) -> (usize, LightSampling) {
     let samples = samples.div_ceil(FEWER_UNDER_SOFT_LIGHT).max(samples.min(2 * scene.mesh.triangles.len()));
-    let directions = (SOFT_RAYS / samples).clamp(*SOFT_DIRECTIONS.start(), *SOFT_DIRECTIONS.end());
-    let area_side = directions.isqrt().clamp(8, 12) as u32;
-    (samples, LightSampling { directions: directions as u32, area_side, ..TRUE_RAYS })
+    let rays = TRUE_RAYS.with_directions_of_all(SOFT_RAYS, samples, SOFT_DIRECTIONS);
+    (samples, LightSampling { area_side: rays.directions.isqrt().clamp(8, 12), ..rays })
 }
 
 /// Rays of a kind of light that are as few as scattering forgives.

@@ -7,6 +7,7 @@ mod sharp;
 mod surface_point;
 
 use std::f64::consts::{PI, TAU};
+use std::ops::RangeInclusive;
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -57,6 +58,14 @@ impl LightSampling {
     pub const REFERENCE: Self = Self { points_per_patch: 16, directions: 512, area_side: 16 };
     /// Shadow boundaries within a quarter of a patch, soft light within about 1 % a patch, which scattering averages.
     pub const FAST: Self = Self { points_per_patch: 4, directions: 256, area_side: 8 };
+
+    /// The same with as many directions as give all of some patches so many together, within bounds: neighbouring patches look at other
+    /// directions of the same strata, and scattering averages over them.
+    #[must_use]
+    pub fn with_directions_of_all(self, together: usize, patches: usize, bounds: RangeInclusive<u32>) -> Self {
+        let share = u32::try_from(together / patches.max(1)).unwrap_or(u32::MAX);
+        Self { directions: share.clamp(*bounds.start(), *bounds.end()), ..self }
+    }
 
     /// Pieces of a patch that a shadow boundary crosses.
     pub fn pieces_of_uneven(self) -> u32 {

@@ -1,5 +1,7 @@
 //! Settings of the form.
 
+use std::ops::RangeInclusive;
+
 use serde::{Deserialize, Serialize};
 
 use crate::forms::density::Density;
@@ -30,18 +32,16 @@ pub struct TextureSpace {
     pub near: NearField,
 }
 
-/// Rays towards an environment of all patches together, and of one at least and at most: neighbouring patches look at other directions of the
-/// same strata, and scattering averages over them.
+/// Rays towards an environment of all patches together, and of one.
 const SOFT_RAYS: usize = 1 << 25;
-const LEAST_DIRECTIONS: u32 = 8;
-const MOST_DIRECTIONS: u32 = 64;
+const DIRECTIONS: RangeInclusive<u32> = 8..=64;
 
 impl TextureSpace {
     /// Rays by which each of some patches sees the lights.
     pub fn rays(&self, patches: usize) -> LightSampling {
-        let share = u32::try_from(SOFT_RAYS / patches.max(1)).unwrap_or(u32::MAX);
-        let directions = self.directions.unwrap_or(share.clamp(LEAST_DIRECTIONS, MOST_DIRECTIONS));
-        LightSampling { points_per_patch: 1, directions, area_side: self.area_side }
+        let asked = self.directions.unwrap_or(*DIRECTIONS.end());
+        let rays = LightSampling { points_per_patch: 1, directions: asked, area_side: self.area_side };
+        if self.directions.is_some() { rays } else { rays.with_directions_of_all(SOFT_RAYS, patches, DIRECTIONS) }
     }
 }
 
