@@ -37,7 +37,7 @@
 //!
 //! Modules import downwards only, in this order:
 //! `error` < `progress` < `math` < `medium` < `geometry` < `light` < `io` < `compress` < `transport` < `scene`
-//! < `import` < `asset` < `evaluate` < `forms` < `methods` < `render` < `relight` < `measure` < `report` < `plan`
+//! < `import` < `asset` < `evaluate` < `forms` < `methods` < `render` < `relight` < `export` < `measure` < `report` < `plan`
 //! < `commands`. `tests/layers.rs` checks it. This file alone re-exports across them.
 
 #![warn(clippy::exit, clippy::panic, clippy::print_stderr, clippy::print_stdout)]
@@ -74,6 +74,8 @@ pub mod methods;
 pub mod render;
 
 pub mod relight;
+
+pub mod export;
 
 pub mod measure;
 

@@ -10,6 +10,7 @@ mod console;
 mod demo;
 mod device;
 mod evaluate;
+mod export;
 mod failures;
 mod inspect;
 mod interrupts;
@@ -66,6 +67,8 @@ enum Command {
     Evaluate(evaluate::EvaluateArgs),
     /// A picture of an asset under lights, as OpenEXR or PNG
     Render(render::RenderArgs),
+    /// Radiosity or transfer of an asset for engines, as glTF
+    Export(export::ExportArgs),
     /// Turn the lights of an asset in a window, or without one as pictures and timings
     Relight(relight::RelightArgs),
     /// The brute-force truth of a model under lights, as PLY
@@ -247,6 +250,7 @@ fn run_command(cli: Cli, console: &Console, pool: rayon::ThreadPool) -> Result<E
         Command::Bake(args) => bake::run(&args, console),
         Command::Evaluate(args) => evaluate::run(&args, console),
         Command::Render(args) => render::run(&args, console),
+        Command::Export(args) => export::run(&args, console),
         Command::Reference(args) => reference::run(&args, console),
         Command::Inspect(args) => inspect::run(&args, console),
         Command::Validate(args) => validate::run(&args, console),

@@ -16,6 +16,7 @@ use crate::relight::timings::Timings;
 use crate::report::Envelope;
 use crate::report::comparison::Comparison;
 use crate::report::evaluation::{EvaluationReport, OnMeshReport, WalkReport};
+use crate::report::export::ExportReport;
 use crate::report::inspection::Inspection;
 use crate::report::materials::MaterialsReport;
 use crate::report::methods::MethodsReport;
@@ -108,6 +109,7 @@ fn documents() -> Vec<Document> {
         Document::report("evaluate-on").body::<OnMeshReport>(),
         Document::report("reference").body::<EvaluationReport>().body::<WalkReport>(),
         Document::report("render").body::<RenderReport>(),
+        Document::report("export").body::<ExportReport>(),
         relight,
         Document::report("inspect").files::<Inspection>(),
         Document::report("validate").files::<Validation>(),

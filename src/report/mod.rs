@@ -23,6 +23,7 @@ pub(crate) mod bake;
 pub(crate) mod chart;
 pub mod comparison;
 pub(crate) mod evaluation;
+pub(crate) mod export;
 pub mod findings;
 pub mod inspection;
 pub mod materials;

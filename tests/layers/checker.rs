@@ -7,7 +7,7 @@ use proc_macro2::{Delimiter, LineColumn, TokenStream, TokenTree};
 use syn::visit::{self, Visit};
 
 /// Bottom to top. A layer imports itself and what stands before it.
-const LAYERS: [&str; 21] = [
+const LAYERS: [&str; 22] = [
     "error",
     "progress",
     "math",
@@ -25,6 +25,7 @@ const LAYERS: [&str; 21] = [
     "methods",
     "render",
     "relight",
+    "export",
     "measure",
     "report",
     "plan",
@@ -225,7 +226,7 @@ impl Checker<'_> {
         if reach == Reach::Public && !own && self.file != "lib.rs" {
             self.found(at, Rule::ReExport, &shown);
         }
-        if matches!(from.as_deref(), Some("render" | "relight")) && to == "methods" {
+        if matches!(from.as_deref(), Some("render" | "relight" | "export")) && to == "methods" {
             self.found(at, Rule::Concrete, &shown);
         }
         // A glob on the folder of a form takes in the private imports of its mod.rs.

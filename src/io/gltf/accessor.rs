@@ -21,6 +21,8 @@ pub(super) enum Role {
     Indices,
     InstanceVector,
     InstanceRotation,
+    /// To be copied.
+    Any,
 }
 
 impl Role {
@@ -45,6 +47,8 @@ impl Role {
             Role::InstanceRotation => {
                 kind == Type::Vec4 && (component == F32 || (normalized && matches!(component, I8 | I16)))
             }
+            // Columns of matrices have gaps of their own.
+            Role::Any => !matches!(kind, Type::Mat2 | Type::Mat3 | Type::Mat4),
         }
     }
 
@@ -56,6 +60,7 @@ impl Role {
             Role::Indices => "indices must be SCALAR of u8, u16 or u32",
             Role::InstanceVector => "TRANSLATION and SCALE of instances must be VEC3 of f32",
             Role::InstanceRotation => "ROTATION of instances must be VEC4 of f32 or of normalised i8 or i16",
+            Role::Any => "attributes of vertices must be no matrices",
         }
     }
 }
@@ -85,6 +90,15 @@ impl<'a> Accessors<'a> {
     /// The elements of an accessor, all of whose bytes are known to exist.
     pub(super) fn elements(&self, index: usize, role: Role) -> Result<Elements<'_>> {
         self.accessor(index).and_then(|accessor| self.locate(accessor, role)).map_err(|e| e.at(place(index)))
+    }
+
+    /// The elements of an accessor that is no matrix as bytes without gaps, and the bytes of one.
+    pub(super) fn bytes(&self, index: usize) -> Result<(Vec<u8>, usize)> {
+        let accessor = self.accessor(index)?;
+        let elements = self.locate(accessor, Role::Any)?;
+        let Checked::Valid(kind) = accessor.type_ else { return Err(Error::input("its type is not one of glTF's")) };
+        let size = elements.component.size() * kind.multiplicity();
+        Ok((elements.bytes(size), size))
     }
 
     fn accessor(&self, index: usize) -> Result<&Accessor> {
@@ -242,6 +256,25 @@ impl Elements<'_> {
             ComponentType::U32 | ComponentType::F32 => self.gather::<1, 4, u32>(u32::from_le_bytes),
         }
         .into_flattened()
+    }
+
+    /// Elements of `size` bytes without gaps.
+    fn bytes(&self, size: usize) -> Vec<u8> {
+        let mut bytes: Vec<u8> = match &self.base {
+            Some(base) => {
+                base.bytes.chunks(base.stride).flat_map(|element| element.iter().take(size)).copied().collect()
+            }
+            None => vec![0; self.count * size],
+        };
+        if let Some(Sparse { indices, values }) = &self.sparse {
+            for (&index, element) in indices.iter().zip(values.bytes.chunks(values.stride)) {
+                let start = index as usize * size;
+                if let (Some(target), Some(element)) = (bytes.get_mut(start..start + size), element.get(..size)) {
+                    target.copy_from_slice(element);
+                }
+            }
+        }
+        bytes
     }
 
     fn gather<const N: usize, const SIZE: usize, T: Copy + Default>(

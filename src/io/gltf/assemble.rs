@@ -53,7 +53,7 @@ pub(super) fn assemble(
 }
 
 /// The checked primitives of the meshes that are placed, by mesh; `None` for the others.
-fn check_meshes<'a>(
+pub(super) fn check_meshes<'a>(
     root: &Root,
     data: &'a Accessors<'_>,
     placements: &[Placement],
@@ -71,7 +71,7 @@ fn check_meshes<'a>(
         let of_mesh = of_mesh.insert(Vec::new());
         for (index, primitive) in mesh.primitives.iter().enumerate() {
             if let Some(checked) =
-                CheckedPrimitive::new(data, format!("{label}, primitive {index}"), primitive, warnings)?
+                CheckedPrimitive::new(data, (index, format!("{label}, primitive {index}")), primitive, warnings)?
             {
                 totals.add(&checked)?;
                 of_mesh.push(checked);

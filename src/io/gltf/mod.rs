@@ -15,11 +15,13 @@ mod buffers;
 mod container;
 mod document;
 mod extensions;
+mod layout;
 mod nodes;
 mod primitive;
 #[cfg(test)]
 mod tests;
 mod warnings;
+pub mod written;
 
 use std::path::{Path, PathBuf};
 
@@ -27,6 +29,7 @@ use crate::error::{Error, Result};
 use crate::geometry::source::SourceModel;
 
 pub use self::assemble::MAX_ELEMENTS;
+pub use self::layout::{PlacedMesh, PlacedPrimitive};
 pub use self::nodes::MAX_INSTANCES;
 use self::warnings::Warnings;
 

@@ -26,6 +26,8 @@ pub(super) struct Placement {
     pub(super) to_scene: DAffine3,
     /// The node that places the mesh; `None` in a document without nodes.
     pub(super) node: Option<usize>,
+    /// How often the node places it.
+    pub(super) instances: usize,
 }
 
 /// Every placement of the scene, in the order of the model's vertices.
@@ -34,7 +36,7 @@ pub(super) fn placements(root: &Root, data: &Accessors<'_>, warnings: &mut Warni
         if !root.meshes.is_empty() {
             warnings.add("the file has no nodes: every mesh is read once as it is");
         }
-        let place = |mesh| Placement { mesh, to_scene: DAffine3::IDENTITY, node: None };
+        let place = |mesh| Placement { mesh, to_scene: DAffine3::IDENTITY, node: None, instances: 1 };
         return Ok((0..root.meshes.len()).map(place).collect());
     }
     let mut pending: Vec<(usize, DAffine3)> =
@@ -62,10 +64,11 @@ pub(super) fn placements(root: &Root, data: &Accessors<'_>, warnings: &mut Warni
             if placements.len() + instances.len() > MAX_INSTANCES {
                 return Err(Error::input(format!("more than {MAX_INSTANCES} placements of meshes in the scene")));
             }
+            let count = instances.len();
             for instance in instances {
                 let to_scene = to_scene * instance;
                 check_finite(&to_scene).map_err(|e| e.at(place()))?;
-                placements.push(Placement { mesh: mesh.value(), to_scene, node: Some(index) });
+                placements.push(Placement { mesh: mesh.value(), to_scene, node: Some(index), instances: count });
             }
         }
         pending.extend(node.children.iter().flatten().rev().map(|child| (child.value(), to_scene)));

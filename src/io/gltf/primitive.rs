@@ -29,6 +29,8 @@ pub(super) struct CheckedPrimitive<'a> {
     corners: usize,
     /// Number of vertices, used or not.
     pub(super) vertices: usize,
+    /// Index in its mesh.
+    pub(super) index: usize,
     /// Index of the document's material.
     pub(super) material: Option<usize>,
     /// Place of the primitive, for messages.
@@ -51,16 +53,16 @@ impl<'a> CheckedPrimitive<'a> {
     /// Checks a primitive; `None` for one without surface (points, lines, no positions), which a warning names.
     pub(super) fn new(
         data: &'a Accessors<'_>,
-        place: String,
+        (index, place): (usize, String),
         primitive: &Primitive,
         warnings: &mut Warnings,
     ) -> Result<Option<Self>> {
-        Self::check(data, &place, primitive, warnings).map_err(|e| e.at(place))
+        Self::check(data, (index, &place), primitive, warnings).map_err(|e| e.at(place))
     }
 
     fn check(
         data: &'a Accessors<'_>,
-        place: &str,
+        (index, place): (usize, &str),
         primitive: &Primitive,
         warnings: &mut Warnings,
     ) -> Result<Option<Self>> {
@@ -117,6 +119,7 @@ impl<'a> CheckedPrimitive<'a> {
             topology,
             corners,
             vertices,
+            index,
             material: primitive.material.map(|material| material.value()),
             place: place.to_owned(),
         }))

@@ -1,0 +1,430 @@
+//! `translux export A.tlux --as sh2 -o M.glb`.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use glam::DVec3;
+use serde_json::{Value, json};
+
+use super::console::{Console, in_range};
+use super::lights::{LightArgs, ResolvedLights, warn_of_places};
+use super::opening::{AssetArgs, Opened};
+use super::output;
+use crate::asset::Provenance;
+use crate::error::{Error, ExitCode, Result};
+use crate::evaluate::exitance::Exitance;
+use crate::evaluate::summed::Summed;
+use crate::evaluate::{Evaluator, SingleScattering};
+use crate::export::colours::{Exposed, vertex_colours};
+use crate::export::harmonics::{Flattening, Order, Transfer, of_light};
+use crate::export::lightmap::{Lightmap, Placed, SIDES};
+use crate::export::{VertexData, fresh, onto};
+use crate::import::file::{Input, read_model, suffix};
+use crate::io::gltf::PlacedMesh;
+use crate::io::gltf::written::Document;
+use crate::render::film::Exposure;
+use crate::render::frame::ExitanceAt;
+use crate::report::export::{ExportReport, ExposureReport, LightmapReport};
+use crate::report::radiosity_ply::check_range;
+use crate::report::text::{percent, significant};
+use crate::scene::Scene;
+
+/// Texels of a side where nothing else is asked for.
+const SIDE: u32 = 1024;
+
+/// Bytes of memory for each texel of a light map and its files.
+const BYTES_PER_TEXEL: u64 = 400;
+
+/// Distance of vertices of a file from those of the asset, over the diagonal, beyond which it is another model.
+const SAME_PLACE: f64 = 1e-4;
+
+#[derive(Clone, Debug, Args)]
+pub(super) struct ExportArgs {
+    #[command(flatten)]
+    asset: AssetArgs,
+    #[command(flatten)]
+    lights: LightArgs,
+    /// What engines get
+    #[arg(long = "as", value_name = "WHAT")]
+    kind: Kind,
+    /// glTF file that the asset was made of: what is exported is added to its meshes, and all else in it stays. Without it a
+    /// file is made of the asset's own mesh
+    #[arg(long, value_name = "MODEL")]
+    scene: Option<PathBuf>,
+    /// Brightness of colours that end at 1: auto (the 99.5th percentile of the object becomes white) or stops
+    #[arg(long, value_name = "auto|EV", allow_hyphen_values = true)]
+    exposure: Option<Exposure>,
+    #[arg(long, value_name = "N", help = format!("Texels of a side of the light map [default: {SIDE}]"))]
+    resolution: Option<u32>,
+    /// Which attributes of vertices: those named in docs/export.md, or those that an engine's importer takes
+    #[arg(long, default_value = "any")]
+    engine: Engine,
+    /// GLB to write, and with --as lightmap OpenEXR (radiosity) and PNG (exposed); `-` for a GLB on standard output; repeatable
+    #[arg(short, long, required = true, value_name = "FILE")]
+    output: Vec<PathBuf>,
+}
+
+/// What engines get.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Kind {
+    /// Radiosity under the lights: COLOR_0, exposed, and _TLX_E
+    VertexColors,
+    /// Radiosity under the lights in a texture
+    Lightmap,
+    /// Transfer for any distant light: harmonics of the bands 0 and 1, 12 floats a vertex
+    Sh1,
+    /// The same with band 2, 27 floats a vertex
+    Sh2,
+}
+
+impl Kind {
+    fn name(self) -> String {
+        self.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
+    }
+
+    fn order(self) -> Option<Order> {
+        match self {
+            Self::VertexColors | Self::Lightmap => None,
+            Self::Sh1 => Some(Order::One),
+            Self::Sh2 => Some(Order::Two),
+        }
+    }
+}
+
+/// Whose importer the attributes are for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Engine {
+    /// Attributes by name, as three.js and Bevy read them
+    Any,
+    /// Texture coordinates 2 to 7, which Godot reads as CUSTOM0 to CUSTOM2
+    Godot,
+}
+
+/// What was computed, before it is put into files.
+struct Exported {
+    data: Option<VertexData>,
+    exposed: Option<Exposed>,
+    map: Option<(Placed, Lightmap, ExitanceAt)>,
+    flattening: Option<Flattening>,
+}
+
+pub(super) fn run(args: &ExportArgs, console: &Console) -> Result<ExitCode> {
+    args.check(console)?;
+    let lights = args.lights.load(console)?;
+    let order = args.kind.order();
+    let coefficients = order.map(|_| coefficients(&lights)).transpose()?;
+    let file = args.scene.as_deref().map(Document::read).transpose()?;
+    let Opened { provenance, evaluator } = args.asset.open(console)?;
+    let same = |path: &PathBuf| same_model(path, &provenance, evaluator.scene());
+    let input = args.scene.as_ref().map(same).transpose()?;
+    if matches!(evaluator.single_scattering_is(), SingleScattering::TowardsEye | SingleScattering::TracedTowardsEye) {
+        console.note("single scattering depends on the eye here (g is not 0): it is in pictures, and not in this file");
+    }
+    let mut evaluator = Summed::of(evaluator);
+    warn_of_places(evaluator.scene(), &lights.lights, evaluator.cost().samples, console);
+    let mut exported = match (order, coefficients) {
+        (Some(order), Some(coefficients)) => harmonics(evaluator.as_mut(), order, &lights, &coefficients, console)?,
+        _ if args.kind == Kind::Lightmap => args.lightmap(evaluator.as_mut(), &lights, console)?,
+        _ => args.vertex_colours(evaluator.as_mut(), &lights, console)?,
+    };
+    if args.engine == Engine::Godot {
+        exported.data = exported.data.map(|data| data.for_godot()).transpose()?;
+    }
+    let scene = evaluator.scene();
+    let mut report = args.report(&exported, &provenance, lights, scene);
+    report.inputs.extend(input);
+    report.cost = evaluator.cost();
+    report.glb_bytes = args.write(&exported, file, (scene, &provenance), &report, console)?;
+    explain(&report, args, &provenance, console);
+    console.report("export", &report)
+}
+
+impl ExportArgs {
+    /// Refuses what does not go together, before any work.
+    fn check(&self, console: &Console) -> Result<()> {
+        let is_map = self.kind == Kind::Lightmap;
+        output::check(&self.output, if is_map { &["glb", "exr", "png"] } else { &["glb"] }, console)?;
+        let misplaced = |option: &str, belongs: &str| {
+            Err(Error::command_line(format!("{option}: is of --as {belongs}, not of {}", self.kind.name())))
+        };
+        match self {
+            Self { exposure: Some(_), .. } if self.kind.order().is_some() => {
+                misplaced("--exposure", "vertex-colors and lightmap")
+            }
+            Self { resolution: Some(_), .. } if !is_map => misplaced("--resolution", "lightmap"),
+            Self { engine: Engine::Godot, .. } if is_map => misplaced("--engine", "vertex-colors and sh1"),
+            Self { engine: Engine::Godot, kind: Kind::Sh2, .. } => Err(Error::unsupported(
+                "--engine godot: the 27 floats of sh2 do not fit the 12 that Godot takes from a glTF file: --as sh1 has 12",
+            )),
+            _ => Ok(()),
+        }?;
+        if !is_map {
+            return Ok(());
+        }
+        let side = u64::from(in_range("--resolution", self.side(), SIDES[0]..=SIDES[1])?);
+        let fits = ((console.max_memory / BYTES_PER_TEXEL) as f64).sqrt() as u64;
+        console.check_memory(
+            side * side * BYTES_PER_TEXEL,
+            &format!("--resolution {fits} would fit, or raise --max-memory"),
+        )
+    }
+
+    fn side(&self) -> u32 {
+        self.resolution.unwrap_or(SIDE)
+    }
+
+    fn exposed(&self, radiosity: &[DVec3], weights: &[f64]) -> Exposed {
+        Exposed::new(self.exposure.unwrap_or_default(), radiosity, weights)
+    }
+
+    fn vertex_colours(
+        &self,
+        evaluator: &mut dyn Evaluator,
+        lights: &ResolvedLights,
+        console: &Console,
+    ) -> Result<Exported> {
+        evaluator.set_lights(lights.lights.clone(), console)?;
+        let radiosity = evaluator.radiosity(console)?;
+        check_range("radiosity", &radiosity)?;
+        let exposed = self.exposed(&radiosity, &evaluator.scene().vertex_areas_mm2());
+        let data = Some(vertex_colours(&radiosity, &exposed));
+        Ok(Exported { data, exposed: Some(exposed), map: None, flattening: None })
+    }
+
+    fn lightmap(&self, evaluator: &mut dyn Evaluator, lights: &ResolvedLights, console: &Console) -> Result<Exported> {
+        let placed = console.stage("unwrap", || Placed::new(&evaluator.scene().mesh, self.side()))?;
+        evaluator.set_lights(lights.lights.clone(), console)?;
+        let at = match evaluator.prepare_points(console) {
+            Ok(()) => ExitanceAt::Pixels,
+            Err(error) if error.code() == ExitCode::Unsupported => ExitanceAt::Vertices,
+            Err(error) => return Err(error),
+        };
+        let exitance: Box<dyn Exitance> = match at {
+            ExitanceAt::Vertices => Box::new(evaluator.radiosity(console)?),
+            ExitanceAt::Pixels => {
+                let missing = || Error::runtime("exitance at points is missing");
+                evaluator.exitance_at_points().ok_or_else(missing)?
+            }
+        };
+        let map = Lightmap::new(evaluator.scene(), &placed, self.side(), exitance.as_ref(), console)?;
+        let exposed = self.exposed(&map.texels, &map.covered);
+        Ok(Exported { data: None, exposed: Some(exposed), map: Some((placed, map, at)), flattening: None })
+    }
+
+    fn report(
+        &self,
+        exported: &Exported,
+        provenance: &Provenance,
+        lights: ResolvedLights,
+        scene: &Scene,
+    ) -> ExportReport {
+        let lightmap = exported.map.as_ref().map(|(placed, map, at)| LightmapReport {
+            resolution: map.side,
+            own_coordinates: placed.is_own(),
+            charts: placed.report.charts,
+            coverage: map.coverage(),
+            overlap: placed.report.overlap,
+            exitance: *at,
+        });
+        let exposure = exported.exposed.map(|exposed| ExposureReport {
+            asked: self.exposure.unwrap_or_default().to_string(),
+            factor: exposed.factor,
+            clamped_share: exposed.clamped_share,
+        });
+        ExportReport {
+            method: provenance.method.clone(),
+            kind: self.kind.name(),
+            materials: scene.media.iter().map(|medium| medium.name.clone()).collect(),
+            lights: lights.text,
+            inputs: lights.inputs,
+            outputs: self.output.clone(),
+            vertices: scene.mesh.local_mm.len(),
+            attributes: exported.data.iter().flat_map(|data| &data.columns).map(|column| column.name.clone()).collect(),
+            glb_bytes: None,
+            mm_per_metre: if self.scene.is_some() { provenance.origin.mm_per_source_unit } else { 1000.0 },
+            exposure,
+            lightmap,
+            flattening: exported.flattening,
+            cost: crate::evaluate::Cost::default(),
+        }
+    }
+
+    /// Writes the files; returns the bytes of the GLB where there is one.
+    fn write(
+        &self,
+        exported: &Exported,
+        file: Option<(Document, Vec<PlacedMesh>)>,
+        (scene, provenance): (&Scene, &Provenance),
+        report: &ExportReport,
+        console: &Console,
+    ) -> Result<Option<usize>> {
+        let of = |wanted: &str| -> Vec<&PathBuf> {
+            let is = |path: &&PathBuf| suffix(path) == wanted || (wanted == "glb" && path.as_path() == Path::new("-"));
+            self.output.iter().filter(is).collect()
+        };
+        let (map, exposed) = (exported.map.as_ref().map(|(_, map, _)| map), exported.exposed.unwrap_or_default());
+        let png = map.map(|map| map.to_png(&exposed)).transpose()?;
+        if let (Some(map), Some(png)) = (map, &png) {
+            output::write(&of("exr"), console, || map.to_exr(attributes(report)))?;
+            output::write(&of("png"), console, || Ok(png.clone()))?;
+        }
+        let glb = of("glb");
+        let mut length = None;
+        output::write(&glb, console, || {
+            let extras = extras(report);
+            let content = fresh::Content {
+                data: exported.data.as_ref(),
+                map: exported.map.as_ref().zip(png.as_deref()).map(|((placed, ..), png)| (placed, png)),
+                is_lit: self.kind.order().is_none(),
+                extras: Some(&extras),
+            };
+            let document = match (file, &self.scene) {
+                (Some((document, placed)), Some(path)) => {
+                    onto::add(document, &placed, scene, &content).map_err(|e| e.in_file(path))?
+                }
+                _ => fresh::document(scene, &name_of(provenance), &content)?,
+            };
+            let bytes = document.to_glb()?;
+            length = Some(bytes.len());
+            Ok(bytes)
+        })?;
+        Ok(length)
+    }
+}
+
+/// The sum of the lights as coefficients.
+fn coefficients(lights: &ResolvedLights) -> Result<[DVec3; 9]> {
+    let mut sums = [DVec3::ZERO; 9];
+    for (light, text) in lights.lights.iter().zip(&lights.text) {
+        let of = of_light(light).map_err(|e| e.at(format!("--light {text}")))?;
+        sums.iter_mut().zip(of).for_each(|(sum, value)| *sum += value);
+    }
+    Ok(sums)
+}
+
+fn harmonics(
+    evaluator: &mut dyn Evaluator,
+    order: Order,
+    lights: &ResolvedLights,
+    coefficients: &[DVec3; 9],
+    console: &Console,
+) -> Result<Exported> {
+    let transfer = Transfer::new(evaluator, order, console)?;
+    evaluator.set_lights(lights.lights.clone(), console)?;
+    let asset = evaluator.radiosity(console)?;
+    let areas = evaluator.scene().vertex_areas_mm2();
+    let flattening = Flattening::new(&transfer.radiosity(coefficients), &asset, &areas)?;
+    Ok(Exported { data: Some(transfer.into_data()), exposed: None, map: None, flattening: Some(flattening) })
+}
+
+/// Checks that a file is what the asset was made of; returns its record.
+fn same_model(path: &Path, provenance: &Provenance, scene: &Scene) -> Result<Input> {
+    let input = Input::read(path)?;
+    if provenance.origin.inputs.iter().any(|known| known.blake3 == input.blake3) {
+        return Ok(input);
+    }
+    // Materials or names may have changed since; the vertices must not.
+    let model = read_model(path)?;
+    let mesh = &scene.mesh;
+    let (count, expected) = (model.positions.len(), mesh.local_mm.len());
+    if count != expected {
+        let message =
+            format!("it has {count} vertices, and the asset was made of {expected}: give the model that was baked");
+        return Err(Error::input(message).in_file(path));
+    }
+    let most = SAME_PLACE * mesh.diagonal_mm();
+    let scale = provenance.origin.mm_per_source_unit;
+    let used = mesh.triangles.iter().flatten();
+    let far = used
+        .filter(|v| model.positions[**v as usize].mul_add(DVec3::splat(scale), -mesh.position_mm(**v)).length() > most);
+    match far.min() {
+        None => Ok(input),
+        Some(vertex) => {
+            let message = format!("vertex {vertex} is elsewhere than in the asset: give the model that was baked");
+            Err(Error::input(message).in_file(path))
+        }
+    }
+}
+
+/// Name of the model, for the mesh and its node.
+fn name_of(provenance: &Provenance) -> String {
+    let name = provenance.origin.inputs.first().map_or("model", |input| input.name.as_str());
+    Path::new(name).file_stem().map_or_else(|| "model".to_owned(), |stem| stem.to_string_lossy().into_owned())
+}
+
+/// What a file says of itself in its extras, for shaders and for people.
+fn extras(report: &ExportReport) -> Value {
+    let mut extras = json!({
+        "as": report.kind, "method": report.method, "materials": report.materials,
+        "unit": "radiosity in linear sRGB, in the unit of the irradiance of the light; lengths in metres",
+        "mmPerMetre": report.mm_per_metre,
+    });
+    if let Some(exposure) = &report.exposure {
+        extras["lights"] = report.lights.clone().into();
+        extras["exposure"] = exposure.factor.into();
+        extras["colours"] = "radiosity times exposure, at most 1".into();
+    }
+    if report.flattening.is_some() {
+        extras["harmonics"] =
+            "real, orthonormal, +Y up, all signs positive: 1, y, z, x, xy, yz, 3zz-1, xz, xx-yy".into();
+        extras["radiosity"] = "max(0, sum of transfer times the coefficients of the light's radiance)".into();
+    }
+    extras
+}
+
+/// The same in the header of an OpenEXR file.
+fn attributes(report: &ExportReport) -> Vec<(String, String)> {
+    let all = [
+        ("software", format!("translux {}", env!("CARGO_PKG_VERSION"))),
+        ("method", report.method.clone()),
+        ("materials", report.materials.join("; ")),
+        ("lights", report.lights.join("; ")),
+        ("units", "radiosity: linear sRGB, in the unit of the irradiance of the lights".to_owned()),
+    ];
+    all.map(|(name, value)| (name.to_owned(), value)).into()
+}
+
+/// Prints what whoever uses the files must know.
+fn explain(report: &ExportReport, args: &ExportArgs, provenance: &Provenance, console: &Console) {
+    if let Some(exposure) = &report.exposure {
+        let (factor, cut) = (significant(exposure.factor), percent(exposure.clamped_share));
+        console
+            .note(&format!("EXPOSURE colours are radiosity x {factor}, at most 1: {cut} of the surface is cut there"));
+    }
+    if let Some(map) = &report.lightmap {
+        let on = if map.own_coordinates { "its own texture coordinates" } else { "new texture coordinates" };
+        let at = match map.exitance {
+            ExitanceAt::Vertices => "interpolated between the vertices, where the transport in this asset ends",
+            ExitanceAt::Pixels => "evaluated at each texel",
+        };
+        let (side, charts, coverage) = (map.resolution, map.charts, percent(map.coverage));
+        console.note(&format!("LIGHT MAP {side} x {side} on {on}, {charts} charts, {coverage} covered; {at}"));
+    }
+    if let Some(flattening) = &report.flattening {
+        let [rms, worst, negative] =
+            [flattening.error.rms, flattening.error.worst, flattening.negative_share].map(percent);
+        console.note(&format!(
+            "FLATTENING {rms} RMS against the asset under {}, {worst} worst vertex; ringing: {negative} of the surface below 0, at most {} of \
+             the mean, cut to 0 ({} RMS without the cut)",
+            report.lights.join(" + "),
+            percent(-flattening.lowest),
+            percent(flattening.uncut.rms)
+        ));
+    }
+    if let (Some(path), true) = (&args.scene, (report.mm_per_metre / 1000.0 - 1.0).abs() > 1e-6) {
+        console.note(&format!(
+            "{} keeps its size in metres; light inside is that of the asset, in which one metre of it is {} mm",
+            path.display(),
+            significant(report.mm_per_metre)
+        ));
+    }
+    let source = provenance.origin.inputs.first().map(|input| input.name.as_str()).unwrap_or_default();
+    if args.scene.is_none()
+        && report.glb_bytes.is_some()
+        && matches!(suffix(Path::new(source)).as_str(), "glb" | "gltf")
+    {
+        console.note(&format!(
+            "made of the asset's own mesh; --scene {source} keeps the nodes, materials and textures of that file"
+        ));
+    }
+}
