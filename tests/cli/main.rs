@@ -11,6 +11,7 @@ mod compare_assets;
 mod compare_flip;
 mod editable;
 mod errors;
+mod export;
 mod growth;
 mod import_files;
 mod inspect;
