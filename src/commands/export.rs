@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use glam::DVec3;
-use serde_json::{Value, json};
 
 use super::console::{Console, in_range};
 use super::lights::{LightArgs, ResolvedLights, warn_of_places};
@@ -26,7 +25,7 @@ use crate::render::film::Exposure;
 use crate::render::frame::ExitanceAt;
 use crate::report::export::{ExportReport, ExposureReport, LightmapReport};
 use crate::report::radiosity_ply::check_range;
-use crate::report::text::{percent, significant};
+use crate::report::text::significant;
 use crate::scene::Scene;
 
 /// Texels of a side where nothing else is asked for.
@@ -265,13 +264,13 @@ impl ExportArgs {
         let (map, exposed) = (exported.map.as_ref().map(|(_, map, _)| map), exported.exposed.unwrap_or_default());
         let png = map.map(|map| map.to_png(&exposed)).transpose()?;
         if let (Some(map), Some(png)) = (map, &png) {
-            output::write(&of("exr"), console, || map.to_exr(attributes(report)))?;
+            output::write(&of("exr"), console, || map.to_exr(report.attributes()))?;
             output::write(&of("png"), console, || Ok(png.clone()))?;
         }
         let glb = of("glb");
         let mut length = None;
         output::write(&glb, console, || {
-            let extras = extras(report);
+            let extras = report.extras();
             let content = fresh::Content {
                 data: exported.data.as_ref(),
                 map: exported.map.as_ref().zip(png.as_deref()).map(|((placed, ..), png)| (placed, png)),
@@ -352,65 +351,9 @@ fn name_of(provenance: &Provenance) -> String {
     Path::new(name).file_stem().map_or_else(|| "model".to_owned(), |stem| stem.to_string_lossy().into_owned())
 }
 
-/// What a file says of itself in its extras, for shaders and for people.
-fn extras(report: &ExportReport) -> Value {
-    let mut extras = json!({
-        "as": report.kind, "method": report.method, "materials": report.materials,
-        "unit": "radiosity in linear sRGB, in the unit of the irradiance of the light; lengths in metres",
-        "mmPerMetre": report.mm_per_metre,
-    });
-    if let Some(exposure) = &report.exposure {
-        extras["lights"] = report.lights.clone().into();
-        extras["exposure"] = exposure.factor.into();
-        extras["colours"] = "radiosity times exposure, at most 1".into();
-    }
-    if report.flattening.is_some() {
-        extras["harmonics"] =
-            "real, orthonormal, +Y up, all signs positive: 1, y, z, x, xy, yz, 3zz-1, xz, xx-yy".into();
-        extras["radiosity"] = "max(0, sum of transfer times the coefficients of the light's radiance)".into();
-    }
-    extras
-}
-
-/// The same in the header of an OpenEXR file.
-fn attributes(report: &ExportReport) -> Vec<(String, String)> {
-    let all = [
-        ("software", format!("translux {}", env!("CARGO_PKG_VERSION"))),
-        ("method", report.method.clone()),
-        ("materials", report.materials.join("; ")),
-        ("lights", report.lights.join("; ")),
-        ("units", "radiosity: linear sRGB, in the unit of the irradiance of the lights".to_owned()),
-    ];
-    all.map(|(name, value)| (name.to_owned(), value)).into()
-}
-
 /// Prints what whoever uses the files must know.
 fn explain(report: &ExportReport, args: &ExportArgs, provenance: &Provenance, console: &Console) {
-    if let Some(exposure) = &report.exposure {
-        let (factor, cut) = (significant(exposure.factor), percent(exposure.clamped_share));
-        console
-            .note(&format!("EXPOSURE colours are radiosity x {factor}, at most 1: {cut} of the surface is cut there"));
-    }
-    if let Some(map) = &report.lightmap {
-        let on = if map.own_coordinates { "its own texture coordinates" } else { "new texture coordinates" };
-        let at = match map.exitance {
-            ExitanceAt::Vertices => "interpolated between the vertices, where the transport in this asset ends",
-            ExitanceAt::Pixels => "evaluated at each texel",
-        };
-        let (side, charts, coverage) = (map.resolution, map.charts, percent(map.coverage));
-        console.note(&format!("LIGHT MAP {side} x {side} on {on}, {charts} charts, {coverage} covered; {at}"));
-    }
-    if let Some(flattening) = &report.flattening {
-        let [rms, worst, negative] =
-            [flattening.error.rms, flattening.error.worst, flattening.negative_share].map(percent);
-        console.note(&format!(
-            "FLATTENING {rms} RMS against the asset under {}, {worst} worst vertex; ringing: {negative} of the surface below 0, at most {} of \
-             the mean, cut to 0 ({} RMS without the cut)",
-            report.lights.join(" + "),
-            percent(-flattening.lowest),
-            percent(flattening.uncut.rms)
-        ));
-    }
+    report.lines().iter().for_each(|line| console.note(line));
     if let (Some(path), true) = (&args.scene, (report.mm_per_metre / 1000.0 - 1.0).abs() > 1e-6) {
         console.note(&format!(
             "{} keeps its size in metres; light inside is that of the asset, in which one metre of it is {} mm",
@@ -419,10 +362,8 @@ fn explain(report: &ExportReport, args: &ExportArgs, provenance: &Provenance, co
         ));
     }
     let source = provenance.origin.inputs.first().map(|input| input.name.as_str()).unwrap_or_default();
-    if args.scene.is_none()
-        && report.glb_bytes.is_some()
-        && matches!(suffix(Path::new(source)).as_str(), "glb" | "gltf")
-    {
+    let is_gltf = matches!(suffix(Path::new(source)).as_str(), "glb" | "gltf");
+    if args.scene.is_none() && report.glb_bytes.is_some() && is_gltf {
         console.note(&format!(
             "made of the asset's own mesh; --scene {source} keeps the nodes, materials and textures of that file"
         ));

@@ -177,7 +177,7 @@ fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -
         turning: args.turn,
         settings: Settings {
             choice: args.device,
-            camera: args.view.camera.unwrap_or_default(),
+            camera: args.view.camera()?,
             texture: args.view.texture.clone(),
             reuse: args.reuse,
             quit_after_s,

@@ -74,6 +74,7 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> Result<ExitCode> {
     output::check(&args.output, &["exr", "png"], console)?;
     check_memory(args.picture.resolution, console)?;
     args.picture.view.specular()?;
+    args.picture.view.camera()?;
     let lights = args.lights.load(console)?;
     let Opened { provenance, mut evaluator } = args.asset.open(console)?;
     let picture = PictureArgs { sources: provenance.origin.inputs.clone(), ..args.picture.clone() };

@@ -6,7 +6,7 @@ use super::console::Console;
 use crate::error::{Error, Result};
 use crate::geometry::mesh::Mesh;
 use crate::render::background::Background;
-use crate::render::camera::{Resolution, xyz};
+use crate::render::camera::{Resolution, View, xyz};
 use crate::render::camera_text::CameraSpec;
 use crate::render::film::Exposure;
 use crate::render::frame::{RenderSettings, Specular, memory_bytes};
@@ -22,7 +22,10 @@ pub(super) struct ViewArgs {
     /// Eye, target, up and vertical degrees, in mm, as at=0,8,75:look=0,0,0:up=0,1,0:fov=28; every key may be left out
     /// (default: the whole object from the front, slightly above)
     #[arg(long, value_name = "CAMERA")]
-    pub(super) camera: Option<CameraSpec>,
+    camera: Option<CameraSpec>,
+    /// Side from which the whole object is seen, where --camera does not say at
+    #[arg(long, value_name = "SIDE")]
+    view: Option<View>,
     /// Brightness of 8-bit colours: auto (the 99.5th percentile of the object becomes white, in the first frame) or stops
     #[arg(long, value_name = "auto|EV", default_value = "auto", allow_hyphen_values = true)]
     pub(super) exposure: Exposure,
@@ -76,9 +79,20 @@ pub(super) fn check_memory(resolution: Resolution, console: &Console) -> Result<
 impl ViewArgs {
     /// The settings of a picture of a mesh.
     pub(super) fn settings(&self, mesh: &Mesh, resolution: Resolution) -> Result<RenderSettings> {
-        let camera = self.camera.unwrap_or_default().resolve(mesh, resolution)?;
+        let camera = self.camera()?.resolve(mesh, resolution)?;
         let (background, specular) = (self.background, self.specular()?);
         Ok(RenderSettings { background, specular, ..RenderSettings::new(camera, resolution) })
+    }
+
+    /// The camera as it is typed.
+    pub(super) fn camera(&self) -> Result<CameraSpec> {
+        let camera = self.camera.unwrap_or_default();
+        match (self.view, camera.at_mm) {
+            (Some(_), Some(_)) => {
+                Err(Error::command_line("--view and at= of --camera both say from where: leave one out"))
+            }
+            (view, _) => Ok(CameraSpec { view: view.unwrap_or_default(), ..camera }),
+        }
     }
 
     pub(super) fn specular(&self) -> Result<Specular> {

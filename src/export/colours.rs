@@ -29,8 +29,9 @@ impl Exposed {
                 white.filter(|white| *white >= f64::MIN_POSITIVE && white.is_finite()).map_or(1.0 / PI, f64::recip)
             }
         };
-        let total: f64 = weighted().map(|(_, weight)| weight).sum();
-        let cut: f64 = weighted().filter(|(b, _)| (**b * factor).max_element() > 1.0).map(|(_, weight)| weight).sum();
+        let total = weighted().fold(0.0, |sum, (_, weight)| sum + weight);
+        let is_cut = |b: &DVec3| (*b * factor).max_element() > 1.0;
+        let cut = weighted().filter(|(b, _)| is_cut(b)).fold(0.0, |sum, (_, weight)| sum + weight);
         Self { factor, clamped_share: if total > 0.0 { cut / total } else { 0.0 } }
     }
 

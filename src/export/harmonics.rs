@@ -167,7 +167,7 @@ impl Flattening {
         let mean = asset.iter().zip(areas).map(|(b, area)| *b * *area).sum::<DVec3>() / total;
         let cut: Vec<DVec3> = flattened.iter().map(|b| b.max(DVec3::ZERO)).collect();
         let seen = || flattened.iter().zip(areas).filter(|(_, area)| **area > 0.0);
-        let negative: f64 = seen().filter(|(b, _)| b.min_element() < 0.0).map(|(_, area)| area).sum();
+        let negative = seen().filter(|(b, _)| b.min_element() < 0.0).fold(0.0, |sum, (_, area)| sum + area);
         let least = seen().fold(DVec3::ZERO, |least, (b, _)| least.min(*b));
         let over = |c: usize| if mean[c] > 0.0 { least[c] / mean[c] } else { 0.0 };
         Ok(Self {

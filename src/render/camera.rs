@@ -120,8 +120,8 @@ impl Camera {
     /// # Errors
     /// As [`Camera::new`], for a mesh beyond 1e12 mm.
     pub fn framing(mesh: &Mesh, resolution: Resolution) -> Result<Self> {
-        let up = default_up(-default_direction());
-        Self::framing_from(mesh, resolution, default_direction(), centre_mm(mesh), up, DEFAULT_FOV_DEGREES)
+        let front = View::Front.direction();
+        Self::framing_from(mesh, resolution, front, centre_mm(mesh), default_up(-front), DEFAULT_FOV_DEGREES)
     }
 
     /// The camera on the ray from `look_mm` towards `direction`, as near as possible with the whole mesh in view.
@@ -223,10 +223,32 @@ pub(super) fn checked_fov(degrees: f64) -> Result<f64> {
     )))
 }
 
-/// Direction from the object to the default camera.
-pub(super) fn default_direction() -> DVec3 {
-    let (sin, cos) = DEFAULT_ELEVATION_DEGREES.to_radians().sin_cos();
-    DVec3::new(0.0, sin, cos)
+/// A side of the object, which cameras see the whole of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum View {
+    /// From the front (+Z), slightly above.
+    #[default]
+    Front,
+    /// Between the front and the side (+X), slightly above.
+    ThreeQuarter,
+    /// From behind (-Z), slightly above.
+    Back,
+    /// Straight down.
+    Top,
+}
+
+impl View {
+    /// Direction from the object to the eye.
+    pub fn direction(self) -> DVec3 {
+        let (sin, cos) = DEFAULT_ELEVATION_DEGREES.to_radians().sin_cos();
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        match self {
+            Self::Front => DVec3::new(0.0, sin, cos),
+            Self::ThreeQuarter => DVec3::new(half * cos, sin, half * cos),
+            Self::Back => DVec3::new(0.0, sin, -cos),
+            Self::Top => DVec3::Y,
+        }
+    }
 }
 
 /// Default for `up`: +Y, and for a vertical view the direction that a person sees who tilts the head from the front

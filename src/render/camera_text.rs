@@ -6,7 +6,7 @@ use std::str::FromStr;
 use glam::DVec3;
 
 use super::camera::{
-    Camera, DEFAULT_FOV_DEGREES, Resolution, centre_mm, checked_fov, checked_vector, default_direction, default_up,
+    Camera, DEFAULT_FOV_DEGREES, Resolution, View, centre_mm, checked_fov, checked_vector, default_up,
 };
 use crate::error::{Error, Result};
 use crate::geometry::mesh::Mesh;
@@ -16,8 +16,10 @@ const EXAMPLE: &str = "at=0,8,75:look=0,0,0:up=0,1,0:fov=28";
 /// A camera as typed: every key is optional.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CameraSpec {
-    /// Position of the eye in mm; by default the whole mesh is in the picture, from the front and slightly above.
+    /// Position of the eye in mm; by default the whole mesh is in the picture, as the view says.
     pub at_mm: Option<DVec3>,
+    /// Side from which the mesh is seen where there is no position.
+    pub view: View,
     /// The point in the middle of the picture, in mm; default: the centre of the mesh's bounding box.
     pub look_mm: Option<DVec3>,
     /// The direction that is up in the picture; default: +Y, or -Z for a view straight down and +Z for one straight up.
@@ -34,11 +36,11 @@ impl CameraSpec {
     pub fn resolve(&self, mesh: &Mesh, resolution: Resolution) -> Result<Camera> {
         let look_mm = self.look_mm.unwrap_or_else(|| centre_mm(mesh));
         let fov_degrees = self.fov_degrees.unwrap_or(DEFAULT_FOV_DEGREES);
-        let forward = self.at_mm.map_or(-default_direction(), |at| look_mm - at);
+        let forward = self.at_mm.map_or(-self.view.direction(), |at| look_mm - at);
         let up = self.up.unwrap_or_else(|| default_up(forward));
         match self.at_mm {
             Some(at_mm) => Camera::new(at_mm, look_mm, up, fov_degrees),
-            None => Camera::framing_from(mesh, resolution, default_direction(), look_mm, up, fov_degrees),
+            None => Camera::framing_from(mesh, resolution, self.view.direction(), look_mm, up, fov_degrees),
         }
         .map_err(with_example)
     }

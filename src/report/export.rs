@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 
 use serde::Serialize;
+use serde_json::{Value, json};
 
+use super::text::{percent, significant};
 use crate::evaluate::Cost;
 use crate::export::harmonics::Flattening;
 use crate::import::file::Input;
@@ -74,4 +76,68 @@ pub(crate) struct LightmapReport {
     pub(crate) overlap: f64,
     /// Where exitance was evaluated: at the vertices, or at what each texel shows (`pixels`).
     pub(crate) exitance: ExitanceAt,
+}
+
+impl ExportReport {
+    /// What a file says of itself in its extras, for shaders and for people.
+    pub(crate) fn extras(&self) -> Value {
+        let mut extras = json!({
+            "as": self.kind, "method": self.method, "materials": self.materials,
+            "unit": "radiosity in linear sRGB, in the unit of the irradiance of the light; lengths in metres",
+            "mmPerMetre": self.mm_per_metre,
+        });
+        if let Some(exposure) = &self.exposure {
+            extras["lights"] = self.lights.clone().into();
+            extras["exposure"] = exposure.factor.into();
+            extras["colours"] = "radiosity times exposure, at most 1".into();
+        }
+        if self.flattening.is_some() {
+            extras["harmonics"] =
+                "real, orthonormal, +Y up, all signs positive: 1, y, z, x, xy, yz, 3zz-1, xz, xx-yy".into();
+            extras["radiosity"] = "max(0, sum of transfer times the coefficients of the light's radiance)".into();
+        }
+        extras
+    }
+
+    /// The same in the header of an OpenEXR file.
+    pub(crate) fn attributes(&self) -> Vec<(String, String)> {
+        let all = [
+            ("software", format!("translux {}", env!("CARGO_PKG_VERSION"))),
+            ("method", self.method.clone()),
+            ("materials", self.materials.join("; ")),
+            ("lights", self.lights.join("; ")),
+            ("units", "radiosity: linear sRGB, in the unit of the irradiance of the lights".to_owned()),
+        ];
+        all.map(|(name, value)| (name.to_owned(), value)).into()
+    }
+
+    /// What is lost on the way, a line each.
+    pub(crate) fn lines(&self) -> Vec<String> {
+        let exposure = self.exposure.as_ref().map(|exposure| {
+            let (factor, cut) = (significant(exposure.factor), percent(exposure.clamped_share));
+            format!("EXPOSURE colours are radiosity x {factor}, at most 1: {cut} of the surface is cut there")
+        });
+        let lightmap = self.lightmap.as_ref().map(|map| {
+            let on = if map.own_coordinates { "its own texture coordinates" } else { "new texture coordinates" };
+            let at = match map.exitance {
+                ExitanceAt::Vertices => "interpolated between the vertices, where the transport in this asset ends",
+                ExitanceAt::Pixels => "evaluated at each texel",
+            };
+            let (side, charts, coverage) = (map.resolution, map.charts, percent(map.coverage));
+            format!("LIGHT MAP {side} x {side} on {on}, {charts} charts, {coverage} covered; {at}")
+        });
+        let flattening = self.flattening.as_ref().map(|of| {
+            let [rms, worst, negative, uncut] = [of.error.rms, of.error.worst, of.negative_share, of.uncut.rms].map(percent);
+            let under = self.lights.join(" + ");
+            let ringing = match of.negative_share > 0.0 {
+                true => format!(
+                    "ringing: {negative} of the surface below 0, at most by {} of the mean, cut to 0 ({uncut} RMS without the cut)",
+                    percent(of.lowest.abs())
+                ),
+                false => "no ringing below 0".to_owned(),
+            };
+            format!("FLATTENING {rms} RMS against the asset under {under}, {worst} worst vertex; {ringing}")
+        });
+        [exposure, lightmap, flattening].into_iter().flatten().collect()
+    }
 }

@@ -117,7 +117,8 @@ impl Glb {
         }
         for primitive in self.primitives() {
             let attributes = primitive["attributes"].as_object().unwrap();
-            let count = |index: &Value| self.json["accessors"][index.as_u64().unwrap() as usize]["count"].as_u64().unwrap();
+            let count =
+                |index: &Value| self.json["accessors"][index.as_u64().unwrap() as usize]["count"].as_u64().unwrap();
             let vertices = count(&attributes["POSITION"]);
             assert!(self.json["accessors"][attributes["POSITION"].as_u64().unwrap() as usize]["min"].is_array());
             for (name, accessor) in attributes {
@@ -259,7 +260,8 @@ fn vertices_have_what_evaluate_gives() {
     let cut = report["exposure"]["clamped_share"].as_f64().unwrap();
     assert!(colours.iter().any(|c| c.max_element() == 1.0) && cut > 0.0 && cut < 0.02, "{cut}");
     // Stops are of the radiance, B / pi.
-    let report = folder.run(&format!("export a.tlux --as vertex-colors --exposure -1 -o c.glb --json {LIGHT}")).ok().json();
+    let report =
+        folder.run(&format!("export a.tlux --as vertex-colors --exposure -1 -o c.glb --json {LIGHT}")).ok().json();
     assert!((report["exposure"]["factor"].as_f64().unwrap() - 0.5 / PI).abs() < 1e-12);
 
     folder.run("evaluate a.tlux -q --light sky.hdr -o b.ply").ok();
@@ -316,7 +318,10 @@ fn light_maps_show_the_surface() {
     let glb = Glb::of(&folder, "m.glb");
     let primitive = &glb.json["meshes"][0]["primitives"][0];
     let (map, own) = (&report["lightmap"], &glb.json["materials"][0]);
-    assert_eq!((&map["own_coordinates"], &map["exitance"], &map["resolution"]), (&json!(false), &json!("pixels"), &json!(64)));
+    assert_eq!(
+        (&map["own_coordinates"], &map["exitance"], &map["resolution"]),
+        (&json!(false), &json!("pixels"), &json!(64))
+    );
     assert_eq!(own["pbrMetallicRoughness"]["baseColorTexture"], json!({ "index": 0, "texCoord": 0 }));
     let planes = decode_planes(&folder.read("m.exr")).unwrap();
     let planes = ["R", "G", "B"].map(|name| &planes.iter().find(|plane| plane.name == name).unwrap().samples);
@@ -455,7 +460,9 @@ fn files_of_others_stay_valid() {
             continue;
         }
         let model = file.display();
-        folder.run(&format!("bake {model} --size-mm 30 --material marble --method two_pass --samples 500 -o a.tlux -q")).ok();
+        folder
+            .run(&format!("bake {model} --size-mm 30 --material marble --method two_pass --samples 500 -o a.tlux -q"))
+            .ok();
         for kind in ["vertex-colors", "lightmap --resolution 128"] {
             let line = format!("export a.tlux --as {kind} --scene {model} -o out.glb {LIGHT}");
             folder.run(&line).ok();

@@ -20,7 +20,7 @@ use translux::light::environment::EnvironmentMap;
 use translux::medium::fresnel::diffuse_transmittance;
 use translux::progress::Silent;
 use translux::render::background::Background;
-use translux::render::camera::{Camera, Resolution};
+use translux::render::camera::{Camera, Resolution, View};
 use translux::render::camera_text::CameraSpec;
 use translux::render::exit::ExitFresnel;
 use translux::render::film::{ColourType, Exposure, to_exr, to_png};
@@ -339,6 +339,16 @@ fn the_default_camera_shows_the_whole_object_at_any_aspect() {
     let fake = Fake::new(icosphere(7.0, 3));
     let eye = fake.default_camera(size(64, 64));
     assert!(eye.at_mm().z > 20.0 && eye.at_mm().y > 0.0 && eye.at_mm().x == 0.0, "{eye}");
+    for (view, signs) in
+        [(View::Front, [0, 1, 1]), (View::ThreeQuarter, [1, 1, 1]), (View::Back, [0, 1, -1]), (View::Top, [0, 1, 0])]
+    {
+        let spec = CameraSpec { view, ..CameraSpec::default() };
+        let seen = spec.resolve(&fake.scene.mesh, size(64, 64)).unwrap();
+        let found = seen.at_mm().to_array().map(|c| if c.abs() < 1e-6 { 0 } else { c.signum() as i32 });
+        assert_eq!(found, signs, "{view:?}");
+        // A ball looks the same from everywhere, up to its facets.
+        assert!((seen.at_mm().length() / eye.at_mm().length() - 1.0).abs() < 0.01, "{view:?}: {seen}");
+    }
 }
 
 #[test]
