@@ -29,6 +29,7 @@ pub fn add(mut document: Document, placed: &[PlacedMesh], scene: &Scene, content
     let texture = content.map.map(|(_, png)| document.texture(png, "light map"));
     let adder =
         Adder { scene, content, texture, translucent: translucent_vertices(scene), triangles: by_first_vertex(scene) };
+    let meshes = document.list("meshes").clone();
     let mut taken = HashSet::new();
     for of in placed {
         if of.instances > 1 {
@@ -38,7 +39,7 @@ pub fn add(mut document: Document, placed: &[PlacedMesh], scene: &Scene, content
                 of.mesh, of.instances
             )));
         }
-        let mut mesh = document.list("meshes").get(of.mesh).cloned().unwrap_or_default();
+        let Some(mut mesh) = meshes.get(of.mesh).cloned() else { continue };
         let mut has_changed = false;
         for primitive in &of.primitives {
             has_changed |= adder.add(&mut document, &mut mesh, primitive, of.mirrors)?;

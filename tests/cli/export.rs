@@ -190,7 +190,7 @@ fn smooth_sky() -> Vec<u8> {
     for (direction, _) in pixels() {
         let radiance = smooth(direction);
         let exponent = radiance.max_element().log2().floor() as i32 + 1;
-        let byte = |c: f64| (c * f64::from(8 - exponent).exp2()).floor() as u8;
+        let byte = |c: f64| (c * f64::from(8 - exponent).exp2()).round().min(255.0) as u8;
         bytes.extend([byte(radiance.x), byte(radiance.y), byte(radiance.z), (exponent + 128) as u8]);
     }
     bytes
@@ -285,7 +285,7 @@ fn vertices_have_what_evaluate_gives() {
         let error = rms(&sum(&transfer), &lit);
         // Of the worst channel, and weighted by area.
         let told = report["flattening"]["error"]["rms"].as_f64().unwrap();
-        assert!((told / error - 1.0).abs() < 0.5, "{order}: {error} measured, {told} told");
+        assert!((0.5..2.0).contains(&(told / error)), "{order}: {error} measured, {told} told");
         errors.push(error);
     }
     // The sky has two bands: what is left is the noise of the rays, and the steps of the picture.
@@ -439,7 +439,8 @@ fn files_keep_what_they_have() {
 
     let ask = |line: &str| folder.run(&format!("export {line}"));
     ask("a.tlux --as sh2 --scene ball.glb -o x.glb").fails(3, &["ball.glb", "vertices"]);
-    ask("ball.tlux --as sh1 --scene ball.glb -o x.glb").ok();
+    // The order of its vertices is another than that of the OBJ file.
+    ask("ball.tlux --as sh1 --scene ball.glb -o x.glb").fails(3, &["ball.glb", "elsewhere"]);
     ask("a.tlux --as sh2 --light point:at=0,9,9:intensity=5 -o x.glb").fails(5, &["--light point", "far away"]);
     ask("a.tlux --as sh2 --engine godot -o x.glb").fails(5, &["sh1"]);
     ask("a.tlux --as sh2 --exposure 1 -o x.glb").fails(1, &["--exposure", "vertex-colors"]);

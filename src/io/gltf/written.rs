@@ -100,6 +100,7 @@ impl Document {
             starts.push(result.append(buffers.get(index)?));
         }
         result.rebase(&starts);
+        result.list("accessors").iter_mut().for_each(round_bounds);
         result.take_pictures(folder)?;
         Ok((result, placed))
     }
@@ -333,6 +334,20 @@ impl Document {
             }
         }
         Ok(())
+    }
+}
+
+/// Makes bounds of floats floats again: what JSON says in decimals is read a last digit off, and bounds must be exact.
+fn round_bounds(accessor: &mut Value) {
+    if accessor.get("componentType").and_then(Value::as_u64) != Some(FLOAT.into()) {
+        return;
+    }
+    for bound in ["min", "max"] {
+        for value in accessor.get_mut(bound).and_then(Value::as_array_mut).into_iter().flatten() {
+            if let Some(number) = value.as_f64() {
+                *value = f64::from(number as f32).into();
+            }
+        }
     }
 }
 
