@@ -155,6 +155,10 @@ impl ExportArgs {
             Self { engine: Engine::Godot, kind: Kind::Sh2, .. } => Err(Error::unsupported(
                 "--engine godot: the 27 floats of sh2 do not fit the 12 that Godot takes from a glTF file: --as sh1 has 12",
             )),
+            Self { scene: Some(path), .. } if !self.output.iter().any(|path| is_glb(path)) => {
+                let message = format!("--scene {}: no -o is a GLB, to which something could be added", path.display());
+                Err(Error::command_line(message))
+            }
             _ => Ok(()),
         }?;
         if !is_map {
@@ -258,7 +262,7 @@ impl ExportArgs {
         console: &Console,
     ) -> Result<Option<usize>> {
         let of = |wanted: &str| -> Vec<&PathBuf> {
-            let is = |path: &&PathBuf| suffix(path) == wanted || (wanted == "glb" && path.as_path() == Path::new("-"));
+            let is = |path: &&PathBuf| if wanted == "glb" { is_glb(path) } else { suffix(path) == wanted };
             self.output.iter().filter(is).collect()
         };
         let (map, exposed) = (exported.map.as_ref().map(|(_, map, _)| map), exported.exposed.unwrap_or_default());
@@ -289,6 +293,11 @@ impl ExportArgs {
         })?;
         Ok(length)
     }
+}
+
+/// Whether an output is a GLB: standard output is.
+fn is_glb(path: &Path) -> bool {
+    suffix(path) == "glb" || path == Path::new("-")
 }
 
 /// The sum of the lights as coefficients.

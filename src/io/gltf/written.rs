@@ -344,8 +344,8 @@ fn round_bounds(accessor: &mut Value) {
     }
     for bound in ["min", "max"] {
         for value in accessor.get_mut(bound).and_then(Value::as_array_mut).into_iter().flatten() {
-            if let Some(number) = value.as_f64() {
-                *value = f64::from(number as f32).into();
+            if let Some(number) = value.as_f64().map(|number| number as f32).filter(|number| number.is_finite()) {
+                *value = f64::from(number).into();
             }
         }
     }
