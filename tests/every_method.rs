@@ -475,31 +475,6 @@ fn figures_make_sense() {
     }
 }
 
-/// The same bytes of the asset and of the radiosity on 1 thread and on 5.
-#[test]
-fn threads_do_not_change_a_bit() {
-    let scene = group(2);
-    let all = every_light(&scene);
-    for method in every() {
-        let lights = served(method, &all);
-        let run = |threads: usize| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| {
-                let asset = asset(method, &scene, 700);
-                let mut evaluator = reopened(&asset);
-                let values: Vec<_> = lights.iter().map(|l| lit(evaluator.as_mut(), vec![l.clone()])).collect();
-                (asset.to_bytes().unwrap(), values, promise(evaluator.as_mut()).to_bits())
-            })
-        };
-        let first = run(1);
-        let (bytes, values, promised) = run(5);
-        let name = method.name();
-        assert!(bytes == first.0, "{name}: the asset on 5 threads");
-        assert!(values == first.1, "{name}: the radiosity on 5 threads");
-        assert_eq!(promised, first.2, "{name}: the measured error on 5 threads");
-    }
-}
-
 #[test]
 fn bytes_survive_a_round_trip() {
     for method in every() {

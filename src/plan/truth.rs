@@ -43,7 +43,8 @@ const SOFT_DIRECTIONS: std::ops::RangeInclusive<u32> = 64..=512;
 /// area light, 1.5 on horse.
 const CLUSTERS_UNDER_SOFT_LIGHT: f64 = 3.0;
 
-/// Samples beyond which the error of soft light is taken to stay as it is: it falls, and costs too much to measure.
+/// Samples beyond which the error of soft light costs too much to measure: that of samples which are no clusters of triangles falls, with their
+/// inverse number, of which the root is counted.
 const MOST_UNDER_SOFT_LIGHT: usize = 1 << 13;
 
 /// Rays of the truth: twice as fine as what assets are baked for.
@@ -286,7 +287,9 @@ impl<'a> Sampling<'a> {
         let sharp = self.error_under_sharp_lights(samples)?;
         let any_sharp = self.truth.lights.iter().any(|light| !is_soft(light));
         if self.scene.mesh.triangles.len() <= MOST_UNDER_SOFT_LIGHT {
-            return Ok(sharp.max(self.under(samples.min(MOST_UNDER_SOFT_LIGHT), true)?));
+            let measured = samples.min(MOST_UNDER_SOFT_LIGHT);
+            let falls = (measured as f64 / samples.max(1) as f64).sqrt();
+            return Ok(sharp.max(self.under(measured, true)?.scaled(falls)));
         }
         // Many samples take many rays to measure; what sharp light tells must do.
         let clusters = samples < self.scene.mesh.triangles.len();

@@ -61,8 +61,6 @@ pub struct FlatSource {
     edges: [Edge; 3],
     /// Irradiance, RGB.
     irradiance: [f32; 3],
-    /// Relative to the block's centre, mm.
-    centroid: [f32; 3],
 }
 
 /// An edge of a triangle, seen from the foot of the block's centre in the triangle's plane.
@@ -101,7 +99,6 @@ impl FlatSource {
             height: normal.dot(centre - corners[0]) as f32,
             edges: [edge(0)?, edge(1)?, edge(2)?],
             irradiance,
-            centroid: (corners.iter().sum::<DVec3>() / 3.0 - centre).as_vec3().to_array(),
         })
     }
 

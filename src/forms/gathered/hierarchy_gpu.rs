@@ -16,7 +16,7 @@ use crate::evaluate::device::surface::{
 use crate::transport::gather::{Scheme, Source};
 use crate::transport::kernel::EdgePrecision;
 use crate::transport::kernel::medium::{KernelsOfParts, MediumKernel};
-use crate::transport::kernel::radial_table::{RULES, SHIFT, SHORT_STEP};
+use crate::transport::kernel::radial_table::{LinearTable, RULES, SHIFT, SHORT_STEP};
 
 /// The shader that sums samples and clusters of lists through dipoles.
 pub const GATHER_SHADER: &str = include_str!("gather.wgsl");
@@ -30,6 +30,8 @@ struct GpuKernel {
     single: GpuTable,
     tail: GpuTable,
     slope: GpuTable,
+    double: GpuTable,
+    double_tail: GpuTable,
     smooth: f32,
     is_double: u32,
     padding: [u32; 2],
@@ -64,15 +66,18 @@ impl Tables {
         let mut heads = [GpuKernel::zeroed(); MOST_KERNELS];
         for (head, kernel) in heads.iter_mut().zip(kernels) {
             let tables = kernel.by_tables(reach_mm);
-            let mut append = |table| GpuTable::append(table, &mut segments);
+            let mut append = |table: &LinearTable| GpuTable::append(table, &mut segments);
             let (single, tail) = (append(&tables.single), append(&tables.tail));
-            let slope = tables.slope.as_ref().map(append);
+            let double = tables.double.as_ref().map(|of| of.each_ref().map(append));
+            let [slope, values, double_tail] = double.unwrap_or([single; 3]);
             *head = GpuKernel {
                 single,
                 tail,
-                slope: slope.unwrap_or(single),
+                slope,
+                double: values,
+                double_tail,
                 smooth: tables.smooth_mm as f32,
-                is_double: u32::from(slope.is_some()),
+                is_double: u32::from(double.is_some()),
                 padding: [0; 2],
             };
         }

@@ -7,6 +7,9 @@ struct Kernel {
     tail: RadialTable,
     // The double layer over the single one, 1/mm.
     slope: RadialTable,
+    // The double layer itself, 1/mm^3, and its tail.
+    double: RadialTable,
+    double_tail: RadialTable,
     // On which the single layer is smooth, mm.
     scale: f32,
     // 1: there is a double layer.
@@ -42,8 +45,18 @@ fn brought(kernel: u32, way: vec3<f32>, flux: vec3<f32>, under: vec3<f32>) -> ve
     return single * (flux + slope * (flux * dot(way, normal) - under));
 }
 
-// The single layer integrated over a triangle with corners relative to the receiver: a sum over its edges of
-// Int (tail(H) - tail(d)) p / (p^2 + s^2) ds. The double layer takes its heights at the centroid.
+// (tail(H) - tail(d)) / step^2 of a radial function: half its mean over r^2 between the foot, at a distance H, and a node at d.
+fn half_mean(values: RadialTable, tail: RadialTable, height2: f32, step2: f32) -> vec3<f32> {
+    if step2 < SHORT_STEP * (height2 + values.scale2) {
+        // Simpson's rule.
+        let between = looked_up(values, height2 + 0.5 * step2);
+        return (looked_up(values, height2) + 4.0 * between + looked_up(values, height2 + step2)) / 12.0;
+    }
+    return (looked_up(tail, height2) - looked_up(tail, height2 + step2)) / step2;
+}
+
+// Both layers integrated over a triangle with corners relative to the receiver, as in transport/kernel/double_layer.rs: sums over its
+// edges of Int (tail(H) - tail(d)) p / (p^2 + s^2) ds, and of the double layer's tail along the outward normals.
 fn integral(kernel: u32, p: array<vec3<f32>, 3>) -> vec3<f32> {
     var corner = p;
     let across = cross(corner[1] - corner[0], corner[2] - corner[0]);
@@ -52,6 +65,7 @@ fn integral(kernel: u32, p: array<vec3<f32>, 3>) -> vec3<f32> {
         return vec3(0.0);
     }
     let upwards = across * inverseSqrt(across2);
+    // Of the plane over the receiver.
     let height = dot(upwards, corner[0]);
     let height2 = height * height;
     let longest2 = max(
@@ -60,18 +74,18 @@ fn integral(kernel: u32, p: array<vec3<f32>, 3>) -> vec3<f32> {
     );
     let scale = kernels[kernel].scale;
     let rule = rule_of(sqrt(longest2) / scale);
-    let single = kernels[kernel].single;
-    let tail = kernels[kernel].tail;
-    let foot = looked_up(single, height2);
-    let foot_tail = looked_up(tail, height2);
-    var sum = vec3(0.0);
+    let is_double = kernels[kernel].is_double == 1u;
+    var single = vec3(0.0);
+    var double = vec3(0.0);
+    var around = vec3(0.0);
     for (var k = 0u; k < 3u; k += 1u) {
         let from_corner = corner[k];
         let edge = corner[(k + 1u) % 3u] - from_corner;
         let length2 = dot(edge, edge);
         let inverse_length = select(0.0, inverseSqrt(length2), length2 > 0.0);
         let along = edge * inverse_length;
-        let pedal = dot(from_corner, cross(along, upwards));
+        let outward = cross(along, upwards);
+        let pedal = dot(from_corner, outward);
         let s0 = dot(from_corner, along);
         let s1 = s0 + length2 * inverse_length;
         let span2 = height2 + scale * scale + pedal * pedal;
@@ -87,26 +101,21 @@ fn integral(kernel: u32, p: array<vec3<f32>, 3>) -> vec3<f32> {
             let v2 = v * v;
             let minus = max(1.0 - v2, 1e-7);
             let s = 2.0 * span * v / minus;
-            let slope = 2.0 * span * (1.0 + v2) / (minus * minus);
             let step2 = pedal * pedal + s * s;
-            let weight = node.y * half * slope * pedal;
-            if step2 < SHORT_STEP * (height2 + single.scale2) {
-                // Simpson's rule for the mean of half the layer over r^2.
-                let between = looked_up(single, height2 + 0.5 * step2);
-                sum += (weight / 12.0) * (foot + 4.0 * between + looked_up(single, height2 + step2));
-            } else {
-                sum += (weight / step2) * (foot_tail - looked_up(tail, height2 + step2));
+            let length = node.y * half * 2.0 * span * (1.0 + v2) / (minus * minus);
+            single += (length * pedal) * half_mean(kernels[kernel].single, kernels[kernel].tail, height2, step2);
+            if is_double {
+                double += (length * pedal) * half_mean(kernels[kernel].double, kernels[kernel].double_tail, height2, step2);
+                around += (length * dot(outward, normal)) * looked_up(kernels[kernel].double_tail, height2 + step2);
             }
         }
     }
     // The edges of a near, but dark triangle cancel up to rounding.
-    sum = max(sum, vec3(0.0));
-    if kernels[kernel].is_double == 0u {
-        return sum;
+    single = max(single, vec3(0.0));
+    if !is_double {
+        return single;
     }
-    let centroid = (corner[0] + corner[1] + corner[2]) / 3.0;
-    let heights = dot(centroid, normal) - dot(centroid, upwards);
-    return sum * (1.0 + looked_up(kernels[kernel].slope, dot(centroid, centroid)) * heights);
+    return single + height * (dot(upwards, normal) - 1.0) * double - around;
 }
 
 // A triangle of an irradiance, RGB, at the midpoints between its centroid and its corners, a third of the flux each.

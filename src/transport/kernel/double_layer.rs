@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::radial_table::{LinearTable, ProfileTable, Rgb, WIDEST};
-use super::{Block, EdgePrecision, FLUSH, FlatSource, LANES, PointSource, RadialIntegral, Row, RowValues, squares};
+use super::radial_table::{LinearTable, ProfileTable, Rgb, SeenEdge, WIDEST, WithTail, at_least_zero};
+use super::{Block, FLUSH, FlatSource, LANES, PointSource, Row, RowValues, SeenTriangle, squares};
 use crate::math::simd::{InstructionSet, multiversion};
 use crate::medium::profile::Profile;
 
@@ -31,12 +31,15 @@ impl Moment {
     }
 }
 
-/// The layers of a medium: the single one with its tail, and the slope of the double one in the same segments.
+/// The layers of a medium: the single one with its tail, and the double one in the same segments.
 #[derive(Clone)]
 pub struct DoubleLayer {
     single: ProfileTable,
     /// beta, 1/mm.
     slope: LinearTable,
+    /// The double layer, 1/mm^3, and `Int_r^inf A beta s ds`, 1/mm.
+    values: LinearTable,
+    tail: LinearTable,
     /// The double layer itself, A beta, as functions of the distance, 1/mm^3.
     double: [Arc<dyn Profile>; 3],
     varies_mm: f64,
@@ -56,8 +59,11 @@ impl DoubleLayer {
         (double, varies_mm): ([Arc<dyn Profile>; 3], f64),
     ) -> Self {
         let slope = |c: usize, r: f64| double[c].reflectance(r) / single[c].reflectance(r);
+        let of = |c: usize, r2: f64| double[c].reflectance(r2.sqrt());
+        let values = LinearTable::beside(&table.reflectance, of);
+        let tail = LinearTable::tail_beside(&table.reflectance, of);
         let slope = LinearTable::beside(&table.reflectance, |c, r2| slope(c, r2.sqrt()));
-        Self { single: table, slope, double, varies_mm }
+        Self { single: table, slope, values, tail, double, varies_mm }
     }
 
     /// Length on whose scale the double layer varies, mm, the least of the channels.
@@ -75,10 +81,10 @@ impl DoubleLayer {
         &self.single
     }
 
-    /// beta, 1/mm, in the segments of the single layer.
+    /// beta, 1/mm, the double layer, 1/mm^3, and its tail, 1/mm, in the segments of the single one.
     #[cfg(feature = "gpu")]
-    pub(super) fn slope(&self) -> &LinearTable {
-        &self.slope
+    pub(super) fn tables(&self) -> [&LinearTable; 3] {
+        [&self.slope, &self.values, &self.tail]
     }
 
     pub(super) fn smooth_mm(&self) -> f64 {
@@ -90,24 +96,81 @@ impl DoubleLayer {
         points(level, block, self, sources, moments);
     }
 
-    /// Adds the light of flat triangles of even irradiance: the single layer integrated, the heights those of the centroid,
-    /// since they vanish with the distance.
+    /// Adds the light of flat triangles of even irradiance, both layers integrated.
     pub fn add_triangles(&self, level: InstructionSet, block: &mut Block, sources: &[FlatSource]) {
         triangles(level, block, self, sources);
     }
 
-    /// `1 + beta heights` for each receiver, without the double layer of the flux: the factor of the single layer.
+    /// The double layer with its tail.
     #[inline(always)]
-    fn factors(&self, r2: &Row, heights: &Row) -> [Rgb; LANES] {
-        let places = self.slope.places(r2);
-        let mut factors = [[1.0; 4]; LANES];
-        for i in 0..LANES {
-            let slope = self.slope.value(&places, i);
-            for c in 0..4 {
-                factors[i][c] += slope[c] * heights[i];
+    fn with_tail(&self) -> WithTail<'_> {
+        WithTail { value: &self.values, tail: &self.tail }
+    }
+
+    /// Both layers integrated over a triangle. With D the double one, h the height of a receiver over the plane and y the point of the
+    /// plane seen from the receiver's foot, `(x_i - x_o).n_o + (x_o - x_i).n_i = h (1 - n_o.n_i) + n_o.y`, and `Int D y dA` is minus the
+    /// contour integral of D's tail times the outward normal, because `D y` is minus the gradient of that tail.
+    #[inline(always)]
+    fn triangle(&self, seen: &SeenTriangle, facing: &Facing) -> [Rgb; LANES] {
+        let (single, double) = (self.single.with_tail(), self.with_tail());
+        let foot = single.value.places(&seen.height2);
+        let rule = self.single.rule(seen);
+        let (mut singles, mut doubles, mut around) = ([[0.0; 4]; LANES], [[0.0; 4]; LANES], [[0.0; 4]; LANES]);
+        for k in 0..3 {
+            let edge = SeenEdge::new(seen, k, self.single.smooth2());
+            for &at in rule {
+                let node = edge.node(at, single.value);
+                for i in 0..LANES {
+                    let (a, b) = (
+                        single.half_mean(&foot, &node, &seen.height2, i),
+                        double.half_mean(&foot, &node, &seen.height2, i),
+                    );
+                    let tail = double.tail.value(&node.far, i);
+                    let weight = node.length[i] * seen.pedals[k][i];
+                    let outwards = node.length[i] * facing.outward[k][i];
+                    for c in 0..4 {
+                        singles[i][c] += weight * a[c];
+                        doubles[i][c] += weight * b[c];
+                        around[i][c] += outwards * tail[c];
+                    }
+                }
             }
         }
-        factors
+        at_least_zero(&mut singles);
+        for i in 0..LANES {
+            for c in 0..4 {
+                singles[i][c] += facing.height[i] * doubles[i][c] - around[i][c];
+            }
+        }
+        singles
+    }
+}
+
+/// How the receivers of a row face a triangle.
+struct Facing {
+    /// Height over the plane, mm, times one less the cosine between the normals.
+    height: Row,
+    /// Cosine between the receiver's normal and the outward normal of each edge in the plane.
+    outward: [Row; 3],
+}
+
+impl Facing {
+    #[inline(always)]
+    fn new(source: &FlatSource, [x, y, z]: &[Row; 3], normals: &[Row; 3]) -> Self {
+        let mut facing = Self { height: [0.0; LANES], outward: [[0.0; LANES]; 3] };
+        let n = source.normal;
+        for i in 0..LANES {
+            let height = source.height + (n[0] * x[i] + n[1] * y[i] + n[2] * z[i]);
+            let cosine = n[0] * normals[0][i] + n[1] * normals[1][i] + n[2] * normals[2][i];
+            facing.height[i] = height * (1.0 - cosine);
+        }
+        for (outward, edge) in facing.outward.iter_mut().zip(&source.edges) {
+            let o = edge.outward;
+            for i in 0..LANES {
+                outward[i] = o[0] * normals[0][i] + o[1] * normals[1][i] + o[2] * normals[2][i];
+            }
+        }
+        facing
     }
 }
 
@@ -153,19 +216,10 @@ fn triangles_body(block: &mut Block, layers: &DoubleLayer, sources: &[FlatSource
         for (row, normals) in block.rows.iter_mut().zip(&block.normals) {
             let mut partial = [[0.0f32; 4]; LANES];
             for source in chunk {
-                let values = layers.single.triangle(&source.seen_from(&row.at), EdgePrecision::Reference);
-                let r2 = squares(&row.at, source.centroid);
-                let mut heights = heights_over(&row.at, normals, source.centroid);
-                for axis in 0..3 {
-                    let (centroid, normal) = (source.centroid[axis], source.normal[axis]);
-                    for (height, at) in heights.iter_mut().zip(&row.at[axis]) {
-                        *height -= (centroid - at) * normal;
-                    }
-                }
-                let factors = layers.factors(&r2, &heights);
+                let values = layers.triangle(&source.seen_from(&row.at), &Facing::new(source, &row.at, normals));
                 for i in 0..LANES {
                     for c in 0..3 {
-                        partial[i][c] += source.irradiance[c] * (values[i][c] * factors[i][c]);
+                        partial[i][c] += source.irradiance[c] * values[i][c];
                     }
                 }
             }

@@ -54,8 +54,8 @@ pub(crate) struct Tabulated {
     pub(crate) single: LinearTable,
     /// Its tail, `Int_r^inf value(s) s ds`.
     pub(crate) tail: LinearTable,
-    /// The double layer over the single one, 1/mm, where there is a double layer.
-    pub(crate) slope: Option<LinearTable>,
+    /// Where there is a double layer: that over the single one, 1/mm, the double one itself, 1/mm^3, and its tail.
+    pub(crate) double: Option<[LinearTable; 3]>,
     /// The scale on which the single layer is smooth, mm.
     pub(crate) smooth_mm: f64,
 }
@@ -64,16 +64,16 @@ impl MediumKernel {
     /// The kernel by tables; dipoles over an object whose points are at most `reach_mm` apart.
     #[cfg(feature = "gpu")]
     pub(crate) fn by_tables(&self, reach_mm: f64) -> Tabulated {
-        let of = |table: &ProfileTable, slope: Option<&LinearTable>| Tabulated {
+        let of = |table: &ProfileTable, double: Option<[&LinearTable; 3]>| Tabulated {
             single: table.reflectance.clone(),
             tail: table.tail.clone(),
-            slope: slope.cloned(),
+            double: double.map(|tables| tables.map(LinearTable::clone)),
             smooth_mm: table.smooth_mm,
         };
         match &self.fast {
             Fast::Poles { .. } => of(&ProfileTable::new(&self.profiles, reach_mm), None),
             Fast::Table(table) => of(table, None),
-            Fast::Layers(layers) => of(layers.single(), Some(layers.slope())),
+            Fast::Layers(layers) => of(layers.single(), Some(layers.tables())),
         }
     }
 

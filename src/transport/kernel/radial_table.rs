@@ -13,6 +13,7 @@ use super::{
     Block, EdgePrecision, EdgeRule, GAUSS_8, GAUSS_12, GAUSS_24, LANES, PointSource, Radial, RadialIntegral, Row,
     RowValues, SeenTriangle, edge_rule, points_body,
 };
+use crate::math::quadrature::{gauss_legendre_cached, integrate_with};
 use crate::math::simd::{InstructionSet, multiversion};
 use crate::medium::profile::Profile;
 use crate::medium::softened::Softened;
@@ -35,6 +36,9 @@ pub(crate) static RULES: [EdgeRule; 3] = [(2.0, &GAUSS_8), (20.0, &GAUSS_12), (f
 
 /// Widest instructions used: with wider ones compilers gather from the table, five times as slowly as by single loads.
 pub(crate) const WIDEST: InstructionSet = InstructionSet::Avx2;
+
+/// Order of the rule that integrates a function over a segment.
+const TAIL_ORDER: usize = 4;
 
 /// RGB and nothing.
 pub(crate) type Rgb = [f32; 4];
@@ -185,11 +189,33 @@ impl LinearTable {
 
     /// Tabulates another function of channel and squared distance (mm^2), of either sign, in the segments of a table.
     pub(super) fn beside(table: &Self, value: impl Fn(usize, f64) -> f64) -> Self {
-        let count = table.segments.len() as u32;
-        let square = |k: u32| f64::from(f32::from_bits((table.first + k) << SHIFT)) - f64::from(table.scale2);
-        let nodes: Vec<f64> = (0..count).map(square).collect();
+        let nodes = table.nodes();
         let values = [0, 1, 2].map(|c| nodes.iter().map(|&r2| finite(value(c, r2.max(0.0)))).collect::<Vec<f64>>());
         Self { scale2: table.scale2, first: table.first, segments: Vec::new() }.linear(&nodes, &values)
+    }
+
+    /// `Int_r^inf value(s) s ds` of a function of channel and squared distance (mm^2) of either sign, zero beyond the last segment,
+    /// in the segments of a table.
+    pub(super) fn tail_beside(table: &Self, value: impl Fn(usize, f64) -> f64) -> Self {
+        let nodes = table.nodes();
+        let rule = gauss_legendre_cached(TAIL_ORDER);
+        let of_channel = |c: usize| {
+            let mut tails = vec![0.0; nodes.len()];
+            for k in (0..nodes.len().saturating_sub(1)).rev() {
+                let integral =
+                    integrate_with(rule, nodes[k].max(0.0), nodes[k + 1].max(0.0), |r2| finite(value(c, r2)));
+                tails[k] = tails[k + 1] + 0.5 * integral;
+            }
+            tails
+        };
+        let tails = [0, 1, 2].map(of_channel);
+        Self { scale2: table.scale2, first: table.first, segments: Vec::new() }.linear(&nodes, &tails)
+    }
+
+    /// Squared distances at the start of each segment, mm^2; the last one is where the table is zero.
+    fn nodes(&self) -> Vec<f64> {
+        let square = |k: u32| f64::from(f32::from_bits((self.first + k) << SHIFT)) - f64::from(self.scale2);
+        (0..self.segments.len() as u32).map(square).collect()
     }
 
     /// Adds `flux f(|x - at|)` of every source to every receiver of the block.
@@ -337,6 +363,128 @@ multiversion! {
     fn points(block: &mut Block, table: &LinearTable, sources: &[PointSource]) => points_body::<LinearTable>, up to WIDEST
 }
 
+/// An edge as the receivers of a row see it, ready for a rule on [-1, 1].
+pub(super) struct SeenEdge {
+    pedal: Row,
+    height2: Row,
+    span: Row,
+    middle: Row,
+    half: Row,
+}
+
+/// A node of the rule along an edge: where it is, and the length of edge that it stands for.
+pub(super) struct EdgeNode {
+    /// Squared distances from the foot of the receiver, mm^2.
+    step2: Row,
+    /// Length along the edge, mm.
+    pub(super) length: Row,
+    /// Places of the node and, for short steps, halfway to the foot in r^2.
+    pub(super) far: Places<LANES>,
+    between: Places<LANES>,
+}
+
+impl SeenEdge {
+    /// One of the edges of a triangle; the integrand varies on the scale of a length whose square, mm^2, is given.
+    #[inline(always)]
+    pub(super) fn new(seen: &SeenTriangle, k: usize, smooth2: f32) -> Self {
+        let (start, length) = (&seen.starts[k], &seen.lengths[k]);
+        let mut edge = Self {
+            pedal: seen.pedals[k],
+            height2: seen.height2,
+            span: [0.0; LANES],
+            middle: [0.0; LANES],
+            half: [0.0; LANES],
+        };
+        for i in 0..LANES {
+            let (s0, s1) = (start[i], start[i] + length[i]);
+            let span2 = edge.height2[i] + smooth2 + edge.pedal[i] * edge.pedal[i];
+            edge.span[i] = span2.sqrt();
+            let v0 = s0 / (edge.span[i] + (span2 + s0 * s0).sqrt());
+            let v1 = s1 / (edge.span[i] + (span2 + s1 * s1).sqrt());
+            edge.middle[i] = 0.5 * (v0 + v1);
+            edge.half[i] = 0.5 * (v1 - v0);
+        }
+        edge
+    }
+
+    /// A node of the rule, with its places in tables of the segments of one.
+    #[inline(always)]
+    pub(super) fn node(&self, (node, node_weight): (f32, f32), table: &LinearTable) -> EdgeNode {
+        let (mut step2, mut length, mut far2, mut middle2) = ([0.0; LANES], [0.0; LANES], [0.0; LANES], [0.0; LANES]);
+        for i in 0..LANES {
+            let v = self.middle[i] + self.half[i] * node;
+            let v2 = v * v;
+            let minus = (1.0 - v2).max(1e-7);
+            let s = 2.0 * self.span[i] * v / minus;
+            let slope = 2.0 * self.span[i] * (1.0 + v2) / (minus * minus);
+            step2[i] = self.pedal[i] * self.pedal[i] + s * s;
+            length[i] = node_weight * self.half[i] * slope;
+            far2[i] = self.height2[i] + step2[i];
+            middle2[i] = self.height2[i] + 0.5 * step2[i];
+        }
+        EdgeNode { step2, length, far: table.places(&far2), between: table.places(&middle2) }
+    }
+}
+
+/// A radial function f and `Int_r^inf f(s) s ds`, in the same segments.
+pub(super) struct WithTail<'a> {
+    pub(super) value: &'a LinearTable,
+    pub(super) tail: &'a LinearTable,
+}
+
+impl WithTail<'_> {
+    /// `(tail(H) - tail(d)) / step^2`: half the mean of the function over r^2 between the foot, at a distance H, and a node at d.
+    #[inline(always)]
+    pub(super) fn half_mean(&self, foot: &Places<LANES>, node: &EdgeNode, height2: &Row, i: usize) -> Rgb {
+        let mut mean = [0.0; 4];
+        if node.step2[i] < SHORT_STEP * (height2[i] + self.value.scale2) {
+            // Simpson's rule for half the mean over r^2.
+            let (a, m) = (self.value.value(foot, i), self.value.value(&node.between, i));
+            let b = self.value.value(&node.far, i);
+            for c in 0..4 {
+                mean[c] = (a[c] + 4.0 * m[c] + b[c]) * (1.0 / 12.0);
+            }
+        } else {
+            let (a, b) = (self.tail.value(foot, i), self.tail.value(&node.far, i));
+            let inverse = 1.0 / node.step2[i];
+            for c in 0..4 {
+                mean[c] = (a[c] - b[c]) * inverse;
+            }
+        }
+        mean
+    }
+}
+
+impl ProfileTable {
+    /// The profiles with their tails.
+    #[inline(always)]
+    pub(super) fn with_tail(&self) -> WithTail<'_> {
+        WithTail { value: &self.reflectance, tail: &self.tail }
+    }
+
+    /// The rule along the edges of a triangle.
+    #[inline(always)]
+    pub(super) fn rule(&self, seen: &SeenTriangle) -> &'static [(f32, f32)] {
+        edge_rule(&RULES, seen.longest / self.smooth_mm as f32)
+    }
+
+    /// The square of the scale on which the profiles are smooth, mm^2.
+    #[inline(always)]
+    pub(super) fn smooth2(&self) -> f32 {
+        (self.smooth_mm * self.smooth_mm) as f32
+    }
+}
+
+/// Values of at least 0: the edges of a near, but dark triangle cancel up to rounding.
+#[inline(always)]
+pub(super) fn at_least_zero(sums: &mut [Rgb; LANES]) {
+    for sum in sums {
+        for value in sum {
+            *value = value.max(0.0);
+        }
+    }
+}
+
 impl RadialIntegral for ProfileTable {
     type Values = [Rgb; LANES];
 
@@ -345,65 +493,22 @@ impl RadialIntegral for ProfileTable {
     fn triangle(&self, seen: &SeenTriangle, _: EdgePrecision) -> [Rgb; LANES] {
         let height2 = &seen.height2;
         let foot = self.reflectance.places(height2);
-        let smooth2 = (self.smooth_mm * self.smooth_mm) as f32;
-        let nodes = edge_rule(&RULES, seen.longest / self.smooth_mm as f32);
+        let (rule, profiles) = (self.rule(seen), self.with_tail());
         let mut sums = [[0.0; 4]; LANES];
         for k in 0..3 {
-            let (pedal, start, length) = (&seen.pedals[k], &seen.starts[k], &seen.lengths[k]);
-            let (mut span, mut middle, mut half) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-            for i in 0..LANES {
-                let (s0, s1) = (start[i], start[i] + length[i]);
-                let span2 = height2[i] + smooth2 + pedal[i] * pedal[i];
-                span[i] = span2.sqrt();
-                let v0 = s0 / (span[i] + (span2 + s0 * s0).sqrt());
-                let v1 = s1 / (span[i] + (span2 + s1 * s1).sqrt());
-                middle[i] = 0.5 * (v0 + v1);
-                half[i] = 0.5 * (v1 - v0);
-            }
-            for &(node, node_weight) in nodes {
-                let (mut step2, mut weight, mut far2, mut middle2) =
-                    ([0.0; LANES], [0.0; LANES], [0.0; LANES], [0.0; LANES]);
-                for i in 0..LANES {
-                    let v = middle[i] + half[i] * node;
-                    let v2 = v * v;
-                    let minus = (1.0 - v2).max(1e-7);
-                    let s = 2.0 * span[i] * v / minus;
-                    let slope = 2.0 * span[i] * (1.0 + v2) / (minus * minus);
-                    step2[i] = pedal[i] * pedal[i] + s * s;
-                    weight[i] = node_weight * half[i] * slope * pedal[i];
-                    far2[i] = height2[i] + step2[i];
-                    middle2[i] = height2[i] + 0.5 * step2[i];
-                }
-                let (far, between) = (self.reflectance.places(&far2), self.reflectance.places(&middle2));
+            let edge = SeenEdge::new(seen, k, self.smooth2());
+            for &at in rule {
+                let node = edge.node(at, &self.reflectance);
                 for (i, sum) in sums.iter_mut().enumerate() {
-                    let mut mean = [0.0; 4];
-                    if step2[i] < SHORT_STEP * (height2[i] + self.reflectance.scale2) {
-                        // Simpson's rule for the mean of R_d / 2 over r^2.
-                        let a = self.reflectance.value(&foot, i);
-                        let m = self.reflectance.value(&between, i);
-                        let b = self.reflectance.value(&far, i);
-                        for c in 0..4 {
-                            mean[c] = (a[c] + 4.0 * m[c] + b[c]) * (1.0 / 12.0);
-                        }
-                    } else {
-                        let (a, b) = (self.tail.value(&foot, i), self.tail.value(&far, i));
-                        let inverse = 1.0 / step2[i];
-                        for c in 0..4 {
-                            mean[c] = (a[c] - b[c]) * inverse;
-                        }
-                    }
+                    let mean = profiles.half_mean(&foot, &node, height2, i);
+                    let weight = node.length[i] * edge.pedal[i];
                     for c in 0..4 {
-                        sum[c] += weight[i] * mean[c];
+                        sum[c] += weight * mean[c];
                     }
                 }
             }
         }
-        for sum in &mut sums {
-            // The edges of a near, but dark triangle cancel up to rounding.
-            for value in sum {
-                *value = value.max(0.0);
-            }
-        }
+        at_least_zero(&mut sums);
         sums
     }
 }
