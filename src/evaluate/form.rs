@@ -15,6 +15,7 @@ use super::evaluator::Evaluator;
 use super::forecast::Forecast;
 use super::guarded::Guarded;
 use super::memory;
+use super::model_error::ModelWalks;
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
@@ -47,6 +48,8 @@ pub struct BakeSettings {
     pub model: Model,
     /// Sections of calibrated kernels that are ready, of the scene of the bake; those of other walks than the model's are not used.
     pub kernels: Vec<RawSection>,
+    /// Walks through the same scene that tell the error of its model, where there are some already.
+    pub walks: Option<Arc<ModelWalks>>,
     /// Probe lights for choices and for reported errors.
     pub probes: Probes,
 }
@@ -60,6 +63,7 @@ impl BakeSettings {
             for_lights: LightKind::ALL.into_iter().collect(),
             model: Model::Dipole,
             kernels: Vec::new(),
+            walks: None,
             probes: Probes::default(),
         }
     }

@@ -9,7 +9,7 @@ use translux_format::metadata::tags;
 use super::evaluator::Evaluator;
 use super::form::{AnyForm, BakeSettings, Model, RegisteredForm, read_error};
 use super::keys::{AnyKey, Keys};
-use super::model_error;
+use super::model_error::ModelWalks;
 use crate::asset::{Asset, Provenance};
 use crate::error::{Error, Result};
 use crate::light::LightKind;
@@ -160,8 +160,14 @@ impl Recipe {
         let sections = self.form.record()?.into_iter().chain(parts.sections).collect();
         let mut asset = Asset { scene, samples: parts.samples, provenance, ledger: parts.ledger, sections };
         if let Model::Calibrated(_) = self.settings.model {
-            let mut evaluator = self.form.open(Arc::new(asset.clone()))?;
-            model_error::enter(evaluator.as_mut(), &mut asset.ledger, progress)?;
+            let walks = match &self.settings.walks {
+                Some(walks) => Some(Arc::clone(walks)),
+                None => ModelWalks::new(&asset.scene, progress)?.map(Arc::new),
+            };
+            if let Some(walks) = walks {
+                let mut evaluator = self.form.open(Arc::new(asset.clone()))?;
+                walks.enter(evaluator.as_mut(), &mut asset.ledger, progress)?;
+            }
         }
         Ok(asset)
     }

@@ -27,3 +27,4 @@ pub use evaluator::{Evaluator, Refined};
 pub use forecast::Forecast;
 pub use form::{AnyForm, AssetParts, BakeSettings, Form, Model, Probes, RegisteredForm};
 pub use method::{About, Method, Recipe, Registry};
+pub use model_error::ModelWalks;

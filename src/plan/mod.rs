@@ -24,7 +24,7 @@ use self::choice::Choice;
 use self::lights::{Purpose, lights};
 pub use self::record::{Attempt, Considered, Expected, Left, Plan, SCHEMA, Timings};
 pub use self::request::{DEFAULT_MAX_RMS, Edits, Request};
-use self::truth::{Places, Sampling, Truth, judged_by_a_choice, kernels_of, telling, true_samples};
+use self::truth::{Inside, Places, Sampling, Truth, judged_by_a_choice, telling, true_samples};
 use self::verdict::{Verdict, misses};
 use crate::asset::{Asset, Provenance};
 use crate::compress::ledger::Ledger;
@@ -73,6 +73,7 @@ pub struct Setting<'a> {
 pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn Progress) -> Result<Planned> {
     let started = Instant::now();
     let Prepared { all, families, mut plan, kernels, truth, samples } = prepared(request, scene, setting, progress)?;
+    let request = &plan.request.clone();
     let mut sampling = Sampling::new(scene, &kernels, (truth, samples), &request.for_lights);
     let mut choice = Choice::new(&all, request, families);
     let mut verdict: Option<Verdict> = None;
@@ -126,6 +127,7 @@ pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
 pub fn choose(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn Progress) -> Result<Option<Recipe>> {
     let Prepared { all, families, mut plan, kernels, truth, samples } = prepared(request, scene, setting, progress)?;
     let mut sampling = Sampling::new(scene, &kernels, (truth, samples), &request.for_lights);
+    let request = &plan.request.clone();
     let next = Choice::new(&all, request, families).next(&mut plan.considered, &mut sampling)?;
     Ok(next.and_then(|index| all.into_iter().nth(index)).map(|candidate| candidate.recipe))
 }
@@ -141,9 +143,11 @@ struct Prepared {
 }
 
 fn prepared(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn Progress) -> Result<Prepared> {
+    let Inside { kernels, walks, error } = Inside::new(request.model, scene, progress)?;
+    let request = &request.beside(error);
     let found = Candidates::new(setting.registry, request, scene, (mesh_bytes(scene)?, setting.max_memory));
     let Candidates { mut all, considered, families } = found;
-    let plan = Plan::new(request, Body::of(scene), considered);
+    let plan = Plan::new(request, (Body::of(scene), error), considered);
     let mut probes = for_bake(&scene.mesh);
     for lights in [&mut probes.tuning, &mut probes.unseen] {
         lights.retain(|light| request.for_lights.contains(&light.kind()));
@@ -151,10 +155,10 @@ fn prepared(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
     let seen = telling(lights(scene, &request.for_lights, Purpose::Choice)?, scene);
     let seen = (seen, Places::new(scene, PLACES, 0));
     let samples = true_samples(scene, request.max_rms, judged_by_a_choice(scene, request.model));
-    let kernels = kernels_of(request.model, scene, progress)?;
     for candidate in &mut all {
         candidate.recipe.settings.probes.clone_from(&probes);
         candidate.recipe.settings.kernels.clone_from(&kernels);
+        candidate.recipe.settings.walks.clone_from(&walks);
     }
     let truth = Truth::new(scene, seen, samples, &kernels, progress)?;
     Ok(Prepared { all, families: families.len(), plan, kernels, truth, samples })

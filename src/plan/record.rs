@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::request::{DEFAULT_MAX_RMS, Request};
+use super::request::{DEFAULT_MAX_RMS, Request, unasked};
 use crate::evaluate::forecast::Body;
 use crate::evaluate::form::Model;
 use crate::evaluate::{Forecast, Recipe};
@@ -176,6 +176,8 @@ pub struct Plan {
     pub request: Request,
     /// The model of the light inside.
     pub model: &'static str,
+    /// Its error against walks through the volume, where it is calibrated and no part lets light out: what a default request follows.
+    pub model_error: Option<VertexError>,
     /// Numbers that costs follow from.
     pub body: Body,
     /// Every way to bake that was considered.
@@ -197,7 +199,11 @@ pub struct Plan {
 }
 
 impl Plan {
-    pub(super) fn new(request: &Request, body: Body, considered: Vec<Considered>) -> Self {
+    pub(super) fn new(
+        request: &Request,
+        (body, model_error): (Body, Option<VertexError>),
+        considered: Vec<Considered>,
+    ) -> Self {
         Self {
             schema: SCHEMA,
             version: env!("CARGO_PKG_VERSION"),
@@ -206,6 +212,7 @@ impl Plan {
                 Model::Dipole => "dipole",
                 Model::Calibrated(_) => "calibrated",
             },
+            model_error,
             body,
             considered,
             sampling: Vec::new(),
@@ -223,9 +230,10 @@ impl Plan {
         self.misses.is_empty() && self.timings.misses.is_empty() && self.kept.is_some()
     }
 
-    /// The default error, where nothing reached it and a larger one had to do.
+    /// The error that stands for one that nobody named, where nothing reached it and a larger one had to do.
     pub fn relaxed(&self) -> Option<f64> {
-        (self.request.max_rms_may_grow && self.request.max_rms > DEFAULT_MAX_RMS).then_some(DEFAULT_MAX_RMS)
+        let base = unasked(self.model_error);
+        (self.request.max_rms_may_grow && self.request.max_rms > base).then_some(base)
     }
 
     /// The plan in sentences, one a line: what was asked, chosen, measured, considered and left out. Without times of this run.
@@ -281,11 +289,17 @@ impl Plan {
             max_bake_s.map(|s| format!("a bake of at most {} s", significant(s))),
         ];
         let (error, kinds) = (percent(*max_rms), self.request.kinds());
+        let base = unasked(self.model_error);
+        let whose = match self.model_error.filter(|_| base > DEFAULT_MAX_RMS) {
+            Some(model) => format!(", where the model's own error is {}", percent(model.rms)),
+            None => String::new(),
+        };
         let mut words = vec![match self.relaxed() {
-            Some(default) => format!(
-                "asked: no error, so at most {} RMS; nothing reaches that under {kinds}, {error} is what does",
-                percent(default)
+            Some(_) => format!(
+                "asked: no error, so at most {} RMS{whose}; nothing reaches that under {kinds}, {error} is what does",
+                percent(base)
             ),
+            None if !whose.is_empty() => format!("asked: no error, so at most {error} RMS{whose}, under {kinds}"),
             None => format!("asked: at most {error} RMS under {kinds}"),
         }];
         words.extend(limits.into_iter().flatten());

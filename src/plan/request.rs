@@ -6,9 +6,15 @@ use serde::Serialize;
 
 use crate::evaluate::{MaterialEdit, Model};
 use crate::light::LightKind;
+use crate::math::statistics::VertexError;
 
 /// Largest relative RMS error unless another one is asked for.
 pub const DEFAULT_MAX_RMS: f64 = 0.01;
+
+/// Share of the error of the model that transport may have where nobody asked for less, and the most. Errors that are independent add as
+/// squares do: a third beside one makes 5 % more of both.
+const OF_THE_MODEL: f64 = 1.0 / 3.0;
+const MOST_OF_THE_MODEL: f64 = 0.05;
 
 /// What stands for it where nothing reaches it and nobody asked for it.
 pub(super) const RELAXED: [f64; 3] = [0.02, 0.05, 0.1];
@@ -76,6 +82,11 @@ pub struct Request {
     pub model: Model,
 }
 
+/// Error of transport where nobody names one, beside an error of the model.
+pub(super) fn unasked(model: Option<VertexError>) -> f64 {
+    model.map_or(0.0, |error| (OF_THE_MODEL * error.rms).min(MOST_OF_THE_MODEL)).max(DEFAULT_MAX_RMS)
+}
+
 impl Request {
     /// A request for an error under some kinds of light, everything else free.
     pub fn new(max_rms: f64, for_lights: BTreeSet<LightKind>) -> Self {
@@ -91,6 +102,12 @@ impl Request {
             max_bake_s: None,
             model: Model::Dipole,
         }
+    }
+
+    /// The request of a model with an error: where nobody named an error of transport, a share of that of the model will do.
+    pub(super) fn beside(&self, model: Option<VertexError>) -> Self {
+        let base = unasked(model);
+        Self { max_rms: if self.max_rms_may_grow { self.max_rms.max(base) } else { self.max_rms }, ..self.clone() }
     }
 
     /// Time of a new light that a choice may take, ms: the asked one, or what a person waits.

@@ -7,7 +7,7 @@ use super::candidates::Candidates;
 use super::choice::Choice;
 use super::lights::{Purpose, lights};
 use super::record::{Considered, Left};
-use super::request::{Edits, Request};
+use super::request::{DEFAULT_MAX_RMS, Edits, Request};
 use super::truth::{Places, Sampling, Truth, judged_by_a_choice, telling, true_samples};
 use super::{PLACES, mesh_bytes};
 use crate::evaluate::Model;
@@ -16,6 +16,7 @@ use crate::geometry::part_table::PartTable;
 use crate::geometry::shapes;
 use crate::geometry::source::SourceModel;
 use crate::light::{Light, LightKind};
+use crate::math::statistics::VertexError;
 use crate::medium::material::{Medium, preset};
 use crate::methods::built_in;
 use crate::progress::Silent;
@@ -127,4 +128,16 @@ fn lights_are_of_the_kinds_asked_for_and_some_graze_the_largest_flat_area() {
     assert_eq!(choice.iter().filter(|light| verdict.contains(light)).count(), 1);
     let [first, second] = [0, 1].map(|phase| Places::new(&slab, 40, phase).vertices);
     assert!(!first.is_empty() && first.iter().all(|vertex| !second.contains(vertex)));
+}
+
+#[test]
+fn nobody_pays_for_less_than_a_third_of_the_error_of_the_model() {
+    let model = |rms: f64| Some(VertexError { rms, ..VertexError::default() });
+    let named = request(DEFAULT_MAX_RMS, &[LightKind::Directional]);
+    assert_eq!(named.beside(model(0.12)), named);
+    let free = Request { max_rms_may_grow: true, ..named };
+    assert_eq!(free.beside(None), free);
+    for (rms, expected) in [(0.01, DEFAULT_MAX_RMS), (0.12, 0.04), (0.6, 0.05)] {
+        assert!((free.beside(model(rms)).max_rms - expected).abs() < 1e-12, "{rms}");
+    }
 }

@@ -11,9 +11,9 @@ use crate::asset::{Asset, Provenance};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::evaluate::exitance::MeshPoint;
-use crate::evaluate::{BakeSettings, Evaluator, Form, Model};
+use crate::evaluate::{BakeSettings, Evaluator, Form, Model, ModelWalks};
 use crate::forms::density::Density;
-use crate::forms::gathered::{Far, Gathered};
+use crate::forms::gathered::{Bound, Far, Gathered};
 use crate::geometry::samples::Samples;
 use crate::light::{Light, LightKind};
 use crate::math::statistics::{VertexError, vertex_error};
@@ -158,12 +158,23 @@ const ALL_PAIRS: Gathered = Gathered {
     outside: None,
 };
 
+/// Sums through the hierarchy: as good as tells the error of a model.
+const OF_A_MODEL: Gathered = Gathered {
+    sampling: LightSampling::FAST,
+    near: NearField::FAST,
+    far: Far::Hierarchical { error: 0.005, bound: Bound::SolidAngle },
+    ..ALL_PAIRS
+};
+
+/// Samples of those sums at most.
+const SAMPLES_OF_A_MODEL: usize = 1 << 17;
+
 /// Sums over all pairs of some samples at any place.
 struct Sums(Box<dyn Evaluator>);
 
 impl Sums {
     /// `kernels` are the sections of calibrated kernels, where the model is not the dipole.
-    fn new(scene: &Scene, samples: usize, sampling: LightSampling, kernels: &[RawSection]) -> Result<Self> {
+    fn new(scene: &Scene, samples: usize, form: &Gathered, kernels: &[RawSection]) -> Result<Self> {
         let asset = Asset {
             scene: scene.clone(),
             samples: Samples::new(&scene.mesh, &scene.parts, samples),
@@ -171,7 +182,7 @@ impl Sums {
             ledger: Ledger::default(),
             sections: kernels.to_vec(),
         };
-        Form::open(&Gathered { sampling, ..ALL_PAIRS }, Arc::new(asset)).map(Self)
+        Form::open(form, Arc::new(asset)).map(Self)
     }
 
     fn at(&mut self, light: &Light, places: &Places) -> Result<Vec<DVec3>> {
@@ -182,12 +193,34 @@ impl Sums {
     }
 }
 
-/// Sections of the kernels of a model before any asset has them; none where it is the dipole.
-pub(super) fn kernels_of(model: Model, scene: &Scene, progress: &dyn Progress) -> Result<Vec<RawSection>> {
-    let settings = BakeSettings { model, samples: Some(1), ..BakeSettings::new(1.0) };
-    match model {
-        Model::Dipole => Ok(Vec::new()),
-        Model::Calibrated(_) => Form::bake(&ALL_PAIRS, scene, &settings, progress).map(|parts| parts.sections),
+/// What there is of a model before any asset: nothing where it is the dipole.
+#[derive(Default)]
+pub(super) struct Inside {
+    /// Sections of the kernels.
+    pub(super) kernels: Vec<RawSection>,
+    /// Walks that tell the error of the model, unless a part lets light out.
+    pub(super) walks: Option<Arc<ModelWalks>>,
+    /// That error.
+    pub(super) error: Option<VertexError>,
+}
+
+impl Inside {
+    pub(super) fn new(model: Model, scene: &Scene, progress: &dyn Progress) -> Result<Self> {
+        if model == Model::Dipole {
+            return Ok(Self::default());
+        }
+        let settings = BakeSettings { model, samples: Some(1), ..BakeSettings::new(1.0) };
+        let kernels = Form::bake(&ALL_PAIRS, scene, &settings, progress)?.sections;
+        let walks = ModelWalks::new(scene, progress)?.map(Arc::new);
+        let samples = judged_by_a_choice(scene, model).min(SAMPLES_OF_A_MODEL);
+        let error = match &walks {
+            Some(walks) => {
+                let mut sums = Sums::new(scene, samples, &OF_A_MODEL, &kernels)?;
+                Some(walks.error(sums.0.as_mut(), progress)?)
+            }
+            None => None,
+        };
+        Ok(Self { kernels, walks, error })
     }
 }
 
@@ -220,7 +253,8 @@ impl Truth {
             let of_kind = &mut sums[usize::from(soft)];
             if of_kind.is_none() {
                 let (samples, rays) = if soft { under_soft_light(scene, samples) } else { (samples, TRUE_RAYS) };
-                *of_kind = Some(Sums::new(scene, samples, rays, kernels)?);
+                let form = Gathered { sampling: rays, ..ALL_PAIRS };
+                *of_kind = Some(Sums::new(scene, samples, &form, kernels)?);
             }
             values.push(of_kind.as_mut().map_or(Ok(Vec::new()), |sums| sums.at(light, &places))?);
             progress.advance(1);
@@ -308,7 +342,8 @@ impl<'a> Sampling<'a> {
         let chosen: Vec<usize> =
             (0..self.truth.lights.len()).filter(|&i| is_soft(&self.truth.lights[i]) == soft).collect();
         if !chosen.is_empty() {
-            let mut sums = Sums::new(self.scene, samples, LightSampling::FAST, self.kernels)?;
+            let form = Gathered { sampling: LightSampling::FAST, ..ALL_PAIRS };
+            let mut sums = Sums::new(self.scene, samples, &form, self.kernels)?;
             for light in chosen {
                 let values = sums.at(&self.truth.lights[light], &self.truth.places)?;
                 worst = worst.max(self.truth.places.error(&values, &self.truth.values[light]));

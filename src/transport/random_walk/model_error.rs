@@ -59,16 +59,44 @@ pub fn project(hats: &Hats, radiosity: &[DVec3]) -> Result<Vec<DVec3>> {
     Ok(divided.map(|(sum, &mass)| if mass > 0.0 { *sum / mass } else { DVec3::ZERO }).collect())
 }
 
+/// Barycentric coordinates of `cuts * cuts` points of a triangle, each for the same share of its area: the middles of equal pieces.
+pub fn points_of_a_triangle(cuts: u32) -> impl Iterator<Item = [f64; 3]> {
+    let third = 1.0 / f64::from(3 * cuts.max(1));
+    let of = move |i: u32, j: u32, shift: f64| {
+        let [u, v] = [i, j].map(|k| third * (3.0 * f64::from(k) + shift));
+        [1.0 - u - v, u, v]
+    };
+    let row = move |i: u32| {
+        let upright = (0..cuts - i).map(move |j| of(i, j, 1.0));
+        upright.chain((0..(cuts - i).saturating_sub(1)).map(move |j| of(i, j, 2.0)))
+    };
+    (0..cuts).flat_map(row)
+}
+
+/// [`project`] of radiosity that is known at the [`points_of_a_triangle`] of every triangle, one triangle after the other.
+pub fn project_points(hats: &Hats, cuts: u32, radiosity: &[DVec3]) -> Vec<DVec3> {
+    let weights: Vec<[f64; 3]> = points_of_a_triangle(cuts).collect();
+    let mut sums = vec![DVec3::ZERO; hats.len()];
+    let triangles = hats.corners.iter().zip(&hats.triangle_area_mm2).zip(radiosity.chunks(weights.len().max(1)));
+    for ((corners, area), values) in triangles {
+        for (weights, value) in weights.iter().zip(values) {
+            for (corner, weight) in corners.iter().zip(weights) {
+                if let Some(sum) = sums.get_mut(*corner as usize) {
+                    *sum += (area * weight / values.len() as f64) * *value;
+                }
+            }
+        }
+    }
+    let divided = sums.iter().zip(&hats.mass_mm2);
+    divided.map(|(sum, &mass)| if mass > 0.0 { *sum / mass } else { DVec3::ZERO }).collect()
+}
+
 /// Error of radiosity over so many places of a surface against two independent walks, whose noise the product of the differences from
 /// either takes out; relative to the RMS of the walks. Places are groups of vertices. The other figures are those of the
-/// places, with the noise of both walks.
-///
-/// # Errors
-/// As [`project`].
-pub fn over_places(domain: Domain, walks: [&Exitance; 2], radiosity: &[DVec3], places: usize) -> Result<VertexError> {
+/// places, with the noise of both walks. Radiosity is given by its projection on the hat functions ([`project`], [`project_points`]).
+pub fn over_places(domain: Domain, walks: [&Exitance; 2], projected: &[DVec3], places: usize) -> VertexError {
     let [first, second] = walks;
     let hats = &first.hats;
-    let projected = project(hats, radiosity)?;
     let at: Vec<DVec3> = hats.vertex.iter().map(|&v| domain.mesh.local_mm[v as usize].as_dvec3()).collect();
     let mut order: Vec<u32> = (0..hats.len() as u32).filter(|&slot| hats.mass_mm2[slot as usize] > 0.0).collect();
     let capacity = order.len().div_ceil(places.max(1));
@@ -83,7 +111,7 @@ pub fn over_places(domain: Domain, walks: [&Exitance; 2], radiosity: &[DVec3], p
     let [mut product, mut square] = [DVec3::ZERO; 2];
     let (mut values, mut truth, mut areas) = (Vec::new(), Vec::new(), Vec::new());
     for run in &runs {
-        let ((b, mass), (a, _), (c, _)) = (mean(&projected, run), mean(&first.total, run), mean(&second.total, run));
+        let ((b, mass), (a, _), (c, _)) = (mean(projected, run), mean(&first.total, run), mean(&second.total, run));
         product += mass * (b - a) * (b - c);
         square += mass * a * c;
         values.push(b);
@@ -92,7 +120,7 @@ pub fn over_places(domain: Domain, walks: [&Exitance; 2], radiosity: &[DVec3], p
     }
     let share = |c: usize| if square[c] > 0.0 { (product[c] / square[c]).max(0.0).sqrt() } else { 0.0 };
     let rms = (0..3).map(share).fold(0.0, f64::max);
-    Ok(VertexError { rms, ..vertex_error(&values, &truth, &areas).or_none() })
+    VertexError { rms, ..vertex_error(&values, &truth, &areas).or_none() }
 }
 
 /// Compares the radiosity of every source vertex with a walk.

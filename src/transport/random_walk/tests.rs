@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::boundary::{Boundary, Crossing, HalfSpace, MeshBoundary, Sphere};
 use super::exitance::{Effort, Exitance, budget, exitance};
-use super::model_error::{compare, project};
+use super::model_error::{compare, points_of_a_triangle, project, project_points};
 use super::tally::{Budget, Hats};
 use super::walk::{Start, Stream, WalkMedium};
 use crate::geometry::bvh::Bvh;
@@ -320,4 +320,33 @@ fn odd_media_and_open_surfaces_end_well() {
     let dark = scene_of(shapes::icosphere(1.0, 1), named("marble"));
     let got = exitance(dark.domain(), &[], Effort::Noise(0.01), 1, &Silent).unwrap();
     assert!(got.total.iter().all(|b| *b == DVec3::ZERO) && got.noise() == 0.0);
+}
+
+#[test]
+fn points_of_triangles_have_the_projection_of_what_is_linear_between_corners() {
+    for cuts in [1u32, 2, 5] {
+        let points: Vec<[f64; 3]> = points_of_a_triangle(cuts).collect();
+        assert_eq!(points.len(), (cuts * cuts) as usize);
+        for k in 0..3 {
+            let mean = points.iter().map(|at| at[k]).sum::<f64>() / points.len() as f64;
+            assert!((mean - 1.0 / 3.0).abs() < 1e-14 && points.iter().all(|at| at[k] > 0.0));
+        }
+    }
+    let scene = Fixture::new(shapes::cuboid(DVec3::new(3.0, 4.0, 12.0), 1), named("marble"), 64).scene;
+    let hats = Hats::new(&scene.mesh, &scene.parts);
+    let linear: Vec<DVec3> = scene.mesh.local_mm.iter().map(|at| 20.0 + at.as_dvec3()).collect();
+    let expected = project(&hats, &linear).unwrap();
+    let cuts = 24;
+    let at_points: Vec<DVec3> = scene
+        .mesh
+        .triangles
+        .iter()
+        .flat_map(|corners| {
+            let values = corners.map(|v| linear[v as usize]);
+            points_of_a_triangle(cuts).map(move |[u, v, w]| u * values[0] + v * values[1] + w * values[2])
+        })
+        .collect();
+    for (found, expected) in project_points(&hats, cuts, &at_points).iter().zip(&expected) {
+        assert!((*found - *expected).abs().max_element() < 1e-3 * expected.max_element(), "{found} {expected}");
+    }
 }
