@@ -123,8 +123,11 @@ fn a_kernel_of_the_same_form_is_found_again() {
     assert!(none.single.iter().all(|a| *a == 1.0) && none.double.iter().all(|b| *b == 0.0));
 }
 
+/// A function of each channel.
+type Channels = [Arc<dyn Profile>; 3];
+
 /// A kernel of some layers of skin, with the single and the double ones.
-fn some_kernel() -> (MediumKernel, [Arc<dyn Profile>; 3], [Arc<dyn Profile>; 3]) {
+fn some_kernel() -> (MediumKernel, Channels, Channels) {
     let (layers, profiles) = (some_layers(), dipoles("skin1"));
     let single = profiles.map(|p| Arc::new(layers.profile(&p, 30.0).unwrap()) as Arc<dyn Profile>);
     let double = profiles.map(|p| Arc::new(layers.double(p)) as Arc<dyn Profile>);
