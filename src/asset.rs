@@ -19,7 +19,7 @@ use crate::medium::material::{Medium, OpticalProperties};
 use crate::scene::Scene;
 
 /// Revision of the algorithms, raised whenever the same input gives different bytes.
-pub const ALGORITHM_REVISION: u32 = 2;
+pub const ALGORITHM_REVISION: u32 = 3;
 
 /// Setting that identifies what a command line asked for: a hash of it, so that a bake that would ask for the same is known.
 pub const REQUEST: &str = "request";
