@@ -72,12 +72,22 @@ pub fn external_files(path: &Path) -> Result<Vec<PathBuf>> {
 
 fn read_bytes(bytes: &[u8], path: &Path) -> Result<SourceModel> {
     let mut warnings = Warnings::default();
-    let container = container::split(bytes, path, &mut warnings)?;
-    let root = document::parse(container.json)?;
-    extensions::check(&root, &mut warnings)?;
-    document::check_references(&root)?;
+    let (container, root) = checked(bytes, path, &mut warnings)?;
     let folder = path.parent().unwrap_or(Path::new(""));
     let data = accessor::Accessors::new(&root, buffers::Buffers::new(&root, container.binary, folder));
     let placements = nodes::placements(&root, &data, &mut warnings)?;
     assemble::assemble(&root, &data, &placements, warnings)
+}
+
+/// The chunks of a file, and its document, whose references and required extensions are checked.
+fn checked<'a>(
+    bytes: &'a [u8],
+    path: &Path,
+    warnings: &mut Warnings,
+) -> Result<(container::Container<'a>, gltf::json::Root)> {
+    let container = container::split(bytes, path, warnings)?;
+    let root = document::parse(container.json)?;
+    extensions::check(&root, warnings)?;
+    document::check_references(&root)?;
+    Ok((container, root))
 }

@@ -10,7 +10,7 @@ use super::accessor::Accessors;
 use super::buffers::{Buffers, confined_path};
 use super::layout::{self, PlacedMesh};
 use super::warnings::Warnings;
-use super::{container, document, extensions};
+use super::{checked, document};
 use crate::error::{Error, Result};
 
 /// Components of an element lie at multiples of 4 bytes, as all that this writes have.
@@ -78,10 +78,7 @@ impl Document {
 
     fn parse(bytes: &[u8], path: &Path) -> Result<(Self, Vec<PlacedMesh>)> {
         let mut warnings = Warnings::default();
-        let container = container::split(bytes, path, &mut warnings)?;
-        let root = document::parse(container.json)?;
-        extensions::check(&root, &mut warnings)?;
-        document::check_references(&root)?;
+        let (container, root) = checked(bytes, path, &mut warnings)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let accessors = Accessors::new(&root, Buffers::new(&root, container.binary, folder));
         let placed = layout::placed(&root, &accessors)?;
