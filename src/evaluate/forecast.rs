@@ -45,6 +45,9 @@ pub struct Forecast {
     /// Surface samples that are summed at run time, whose error comes on top of [`Self::rms`]; none where all errors are
     /// those of stages that the bake tunes.
     pub samples: Option<usize>,
+    /// Samples that stored transport is baked from, where their error comes on top of [`Self::rms`] as well: calibrated kernels take as
+    /// many as the density says, whatever error is asked for.
+    pub baked_samples: Option<usize>,
     /// Error that the stages of the bake and the sums at run time are expected to add: relative RMS.
     pub rms: f64,
     /// Its part in the dark, over that: the error of vertices below a tenth of the mean, relative to their own mean.
@@ -65,6 +68,11 @@ impl Forecast {
     pub fn served(mut self, kinds: &[LightKind]) -> Self {
         self.relight_ms.retain(|(kind, _)| kinds.contains(kind));
         self
+    }
+
+    /// Samples whose error comes on top of [`Self::rms`], if there are any.
+    pub fn erring_samples(&self) -> Option<usize> {
+        self.samples.or(self.baked_samples)
     }
 
     /// Time of a new light of the slowest of some kinds, ms; infinite where one of them is not served.

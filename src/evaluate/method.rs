@@ -15,6 +15,7 @@ use crate::error::{Error, Result};
 use crate::light::LightKind;
 use crate::progress::Progress;
 use crate::scene::Scene;
+use crate::transport::calibration::any_is_closed;
 
 /// What is known of a method before it is asked for anything.
 #[derive(Clone, Copy)]
@@ -162,6 +163,7 @@ impl Recipe {
         if let Model::Calibrated(_) = self.settings.model {
             let walks = match &self.settings.walks {
                 Some(walks) => Some(Arc::clone(walks)),
+                None if !any_is_closed(asset.scene.domain()) => None,
                 None => ModelWalks::new(&asset.scene, progress)?.map(Arc::new),
             };
             if let Some(walks) = walks {

@@ -15,6 +15,7 @@ use crate::light::{Light, LightKind};
 use crate::medium::material::{Medium, preset};
 use crate::progress::Silent;
 use crate::scene::Scene;
+use crate::transport::calibration::any_is_closed;
 use crate::transport::gather::{Gather, Scheme};
 use crate::transport::irradiance::{Illumination, LightSampling};
 use crate::transport::kernel::medium::MediumKernel;
@@ -60,8 +61,8 @@ pub fn samples_for(
     let mut count = LEAST.max(scene.mesh.triangles.len());
     let lights = lights(scene, settings);
     // Where light enters elsewhere than it falls it goes from sample to sample, and needs them all.
-    let is_moved = settings.model != Model::Dipole;
-    if settings.samples.is_some() || is_moved || lights.is_empty() || 2 * count * MOST_PART > most {
+    let is_moved = || settings.model != Model::Dipole && any_is_closed(scene.domain());
+    if settings.samples.is_some() || lights.is_empty() || 2 * count * MOST_PART > most || is_moved() {
         return Ok(most);
     }
     let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);

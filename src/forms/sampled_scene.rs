@@ -127,7 +127,9 @@ impl<'a> SampledScene<'a> {
 
     fn calibrated(mut self, calibrated: Arc<Calibrated>) -> Self {
         self.receivers = self.receivers.with_factors(&calibrated.of_vertices());
-        self.model = Some(CalibratedSamples::new(calibrated, &self.surface()));
+        let CalibratedSamples { calibrated, factors, entry } = CalibratedSamples::new(calibrated, &self.surface());
+        let entry = entry.prepared(&self.surface());
+        self.model = Some(CalibratedSamples { calibrated, factors, entry });
         self
     }
 

@@ -170,7 +170,7 @@ impl<'a> Choice<'a> {
     /// Expected RMS and dark error.
     fn expected(&self, candidate: &Candidate, sampling: &mut Sampling) -> Result<(f64, f64)> {
         let of_samples =
-            candidate.forecast.samples.map(|samples| sampling.error(samples)).transpose()?.unwrap_or_default();
+            candidate.forecast.erring_samples().map(|samples| sampling.error(samples)).transpose()?.unwrap_or_default();
         let learnt = self.learnt[candidate.family];
         let stages = candidate.forecast.rms;
         Ok((
@@ -204,7 +204,11 @@ impl<'a> Choice<'a> {
             set(None, too_large(stages, request.max_rms, " RMS of its stages alone"));
             return Ok(false);
         }
-        let sharp = candidate.forecast.samples.map(|samples| sampling.error_under_sharp_lights(samples)).transpose()?;
+        let sharp = candidate
+            .forecast
+            .erring_samples()
+            .map(|samples| sampling.error_under_sharp_lights(samples))
+            .transpose()?;
         let learnt = self.learnt[candidate.family];
         let sharp = learnt.rms * (learnt.samples * sharp.unwrap_or_default().rms + candidate.forecast.rms);
         if sharp > share * request.max_rms {
@@ -233,7 +237,8 @@ impl<'a> Choice<'a> {
         sampling: &mut Sampling,
     ) -> Result<()> {
         let (rms, dark) = self.expected(candidate, sampling)?;
-        let of_samples = candidate.forecast.samples.map(|samples| sampling.error(samples)).transpose()?.map(|e| e.rms);
+        let of_samples =
+            candidate.forecast.erring_samples().map(|samples| sampling.error(samples)).transpose()?.map(|e| e.rms);
         let ratio = |measured: f64, expected: f64| if expected > 0.0 { measured / expected } else { 1.0 };
         let learnt = &mut self.learnt[candidate.family];
         // Only for the worse: what was better than expected may have been lucky.

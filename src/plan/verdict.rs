@@ -54,7 +54,7 @@ impl Verdict {
         let affordable = (SHARE_OF_BAKE * forecast.bake_s).max(LEAST_S) / each;
         let directions = (affordable as usize).clamp(*DIRECTIONS.start(), *DIRECTIONS.end());
         let lights = lights(scene, &request.for_lights, Purpose::Verdict { directions })?;
-        let judges = forecast.samples.unwrap_or(0);
+        let judges = forecast.erring_samples().unwrap_or(0);
         let samples = true_samples(scene, request.max_rms, judges);
         let truth = Truth::new(scene, (lights, Places::new(scene, PLACES, 1)), samples, &kernels(asset), progress)?;
         Ok(Self { truth, judges })
@@ -62,7 +62,7 @@ impl Verdict {
 
     /// Returns whether the truth is fine enough for a candidate.
     pub(super) fn suits(&self, candidate: &Candidate) -> bool {
-        candidate.forecast.samples.unwrap_or(0) <= self.judges
+        candidate.forecast.erring_samples().unwrap_or(0) <= self.judges
     }
 
     /// The error of an asset, what it misses of the request apart from times, and, where times are asked for, the milliseconds to

@@ -83,6 +83,9 @@ pub(in crate::transport) struct Lists {
     moments: Vec<Moment>,
     flats: Vec<FlatSource>,
     block: Block,
+    /// Of receivers that are far apart: what is near some of them, and what each has of that, gathered alone.
+    around: Vec<u32>,
+    alone: Vec<DVec3>,
 }
 
 impl Lists {
@@ -176,10 +179,14 @@ impl<'a> Gather<'a> {
         progress.start("transfer", receivers.len() as u64);
         let mut result = vec![DVec3::ZERO; receivers.len()];
         let jobs = receivers.groups.par_iter().zip(receivers.cut(&mut result, 1));
+        // Wider groups would share more of what is near than a receiver alone has.
+        let narrow_mm = self.near.exact_below * self.mean_radius_mm();
         jobs.for_each_init(Lists::default, |lists, (group, out)| {
-            self.group(receivers, *group, lit, scheme, lists);
+            let is_wide = scheme == Scheme::AllPairs && receivers.sphere(*group).radius_mm > narrow_mm;
+            self.group(receivers, *group, lit, (scheme, is_wide), lists);
             for (i, value) in out.iter_mut().enumerate() {
-                *value = lit.light.radiosity(lists.block.sum(i)) * receivers.factor(group.run.range().start + i);
+                let sum = lists.block.sum(i) + lists.alone.get(i).copied().unwrap_or_default();
+                *value = lit.light.radiosity(sum) * receivers.factor(group.run.range().start + i);
             }
             progress.advance(out.len() as u64);
         });
@@ -235,7 +242,11 @@ impl<'a> Gather<'a> {
                     }
                 }
                 Source::Patch(index) if lit.light.irradiance(index as usize) == DVec3::ZERO => return,
-                Source::Patch(index) => self.patch(index as usize, DVec3::ONE, None, (medium, &sphere), lists),
+                Source::Patch(index) => {
+                    let (index, layered) = (index as usize, medium.layers().is_some());
+                    let how = (self.pieces(index, medium, &sphere), layered, sphere.centre_mm);
+                    self.add(index, DVec3::ONE, None, how, lists);
+                }
             }
             self.drain(medium, lists, 0);
             lists.block.take(&mut weights);
@@ -270,30 +281,86 @@ impl<'a> Gather<'a> {
         lists.points.clear();
         lists.moments.clear();
         lists.flats.clear();
+        lists.around.clear();
+        lists.alone.clear();
         let part = group.part as usize;
         Some((part, self.medium(part)?, sphere))
     }
 
-    fn group(&self, receivers: &Receivers, group: Group, lit: &Lit, scheme: Scheme, lists: &mut Lists) {
+    /// Sums of a group of receivers; of a wide one what is near some of them is summed for each alone.
+    fn group(
+        &self,
+        receivers: &Receivers,
+        group: Group,
+        lit: &Lit,
+        (scheme, is_wide): (Scheme, bool),
+        lists: &mut Lists,
+    ) {
         let Some((part, medium, sphere)) = self.begin(receivers, group, lists) else { return };
+        let layered = medium.layers().is_some();
         self.visit(part, lit, medium, scheme, &sphere, &mut |source| match source {
             Source::Cluster(index) => {
                 let cluster = &lit.clusters[index as usize];
                 let flux = lit.light.scaled(cluster.flux);
                 lists.points.push(PointSource::new(cluster.centre_mm, flux, sphere.centre_mm));
-                if medium.layers().is_some()
-                    && let Some(moment) = lit.moments.get(index as usize)
-                {
+                if layered && let Some(moment) = lit.moments.get(index as usize) {
                     lists.moments.push(Moment::new(moment.map(|m| lit.light.scaled(m))));
                 }
             }
             Source::Patch(index) => {
                 let index = index as usize;
-                self.patch(index, lit.light.irradiance(index), Some(&lit.light), (medium, &sphere), lists);
+                let pieces = match self.pieces(index, medium, &sphere) {
+                    Pieced::Triangles if is_wide => {
+                        lists.around.push(index as u32);
+                        Pieced::Points
+                    }
+                    pieces => pieces,
+                };
+                let e = lit.light.irradiance(index);
+                self.add(index, e, Some((&lit.light, 1.0)), (pieces, layered, sphere.centre_mm), lists);
                 self.drain(medium, lists, 4096);
             }
         });
         self.drain(medium, lists, 0);
+        if lists.around.is_empty() {
+            return;
+        }
+        let (around, together) = (std::mem::take(&mut lists.around), std::mem::take(&mut lists.block));
+        for receiver in receivers.of(group) {
+            let place = Sphere { centre_mm: receiver.at_mm, radius_mm: 0.0 };
+            lists.block.reset(place.centre_mm, std::iter::once(receiver));
+            for index in around.iter().map(|&index| index as usize) {
+                if self.pieces(index, medium, &place) == Pieced::Triangles {
+                    // In the place of the points.
+                    for (pieces, sign) in [(Pieced::Points, -1.0), (Pieced::Triangles, 1.0)] {
+                        let e = sign * lit.light.irradiance(index);
+                        self.add(index, e, Some((&lit.light, sign)), (pieces, layered, place.centre_mm), lists);
+                    }
+                }
+            }
+            self.drain(medium, lists, 0);
+            lists.alone.push(lists.block.sum(0));
+        }
+        (lists.around, lists.block) = (around, together);
+    }
+
+    /// What a patch is summed as by receivers in a sphere.
+    fn pieces(&self, index: usize, medium: &MediumKernel, sphere: &Sphere) -> Pieced {
+        let patch = &self.surface.patches[index];
+        let distance = (patch.centre_mm.distance(sphere.centre_mm) - sphere.radius_mm).max(0.0);
+        let below = |radii: f64| distance * distance < near_square(radii * patch.radius_mm, medium.smooth_mm());
+        if !below(self.near.three_points_below) {
+            Pieced::Whole
+        } else if !below(self.near.exact_below) {
+            Pieced::Points
+        } else {
+            Pieced::Triangles
+        }
+    }
+
+    /// Mean radius of the patches, mm.
+    fn mean_radius_mm(&self) -> f64 {
+        self.surface.patches.iter().map(|patch| patch.radius_mm).sum::<f64>() / self.surface.patches.len().max(1) as f64
     }
 
     fn visit(
@@ -368,28 +435,26 @@ impl<'a> Gather<'a> {
         self.kernels.get((*self.of_part.get(part)?)? as usize)
     }
 
-    /// Adds one patch of an irradiance to the lists, as finely as its distance requires, and its pieces under a light.
-    fn patch(
+    /// Adds one patch of an irradiance to the lists, and its pieces under a light, times a sign.
+    fn add(
         &self,
         index: usize,
         e: DVec3,
-        light: Option<&SampleLight>,
-        (medium, sphere): (&MediumKernel, &Sphere),
+        light: Option<(&SampleLight, f64)>,
+        (pieces, layered, centre): (Pieced, bool, DVec3),
         lists: &mut Lists,
     ) {
         if e == DVec3::ZERO {
             return;
         }
-        let (patch, centre) = (&self.surface.patches[index], sphere.centre_mm);
-        let distance = (patch.centre_mm.distance(centre) - sphere.radius_mm).max(0.0);
-        let layers = medium.layers().is_some();
-        let below = |radii: f64| distance * distance < near_square(radii * patch.radius_mm, medium.smooth_mm());
-        if !below(self.near.three_points_below) {
-            lists.add(layers, (patch.centre_mm, e * patch.area_mm2, patch.cross_mm2 / patch.area_mm2), centre);
+        let patch = &self.surface.patches[index];
+        if pieces == Pieced::Whole {
+            lists.add(layered, (patch.centre_mm, e * patch.area_mm2, patch.cross_mm2 / patch.area_mm2), centre);
             return;
         }
-        let exact = below(self.near.exact_below);
-        for (deviation, corners) in light.and_then(|light| light.pieces(index)).into_iter().flatten() {
+        let exact = pieces == Pieced::Triangles;
+        let uneven = light.and_then(|(light, sign)| Some((light.pieces(index)?, sign)));
+        for (deviation, corners) in uneven.into_iter().flat_map(|(of, sign)| of.map(move |(d, at)| (sign * d, at))) {
             let corners = corners.map(|c| patch.centre_mm + glam::Vec3::from_array(c).as_dvec3());
             if exact {
                 lists.flats.extend(FlatSource::new(corners, deviation.as_vec3().to_array(), centre));
@@ -397,7 +462,7 @@ impl<'a> Gather<'a> {
                 // A piece is small where its sample is three points.
                 let flux = deviation * samples::area(corners);
                 lists.add(
-                    layers,
+                    layered,
                     (corners.iter().sum::<DVec3>() / 3.0, flux, patch.cross_mm2 / patch.area_mm2),
                     centre,
                 );
@@ -409,11 +474,22 @@ impl<'a> Gather<'a> {
                 lists.flats.extend(FlatSource::new(corners, e.as_vec3().to_array(), centre));
             } else {
                 let (points, third) = three_points(corners);
-                let normal = if layers { self.surface.domain.mesh.normal(facet.triangle) } else { DVec3::ZERO };
-                points.iter().for_each(|&at| lists.add(layers, (at, e * third, normal), centre));
+                let normal = if layered { self.surface.domain.mesh.normal(facet.triangle) } else { DVec3::ZERO };
+                points.iter().for_each(|&at| lists.add(layered, (at, e * third, normal), centre));
             }
         }
     }
+}
+
+/// What a patch is summed as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Pieced {
+    /// A point at its centre.
+    Whole,
+    /// Three points on each of its facets.
+    Points,
+    /// Its facets, in closed form.
+    Triangles,
 }
 
 /// Bound of [`Criterion::KernelBound`], worst channel.

@@ -12,6 +12,7 @@
 //! enough to hold many samples.
 
 use std::f64::consts::TAU;
+use std::sync::OnceLock;
 
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
@@ -244,14 +245,20 @@ fn multiply_add<const C: usize>(sum: &mut [f64; C], factor: f64, left: &[f64; C]
 /// No sample.
 const NOWHERE: u32 = u32::MAX;
 
-/// What the moving of light needs of a surface, whatever the light.
+/// What the moving of light needs of a surface, whatever the light; made when light moves for the first time.
 pub struct MovedEntry {
+    /// Steps of each part; none of parts whose light stays.
+    steps: Vec<Option<Steps>>,
+    ways: OnceLock<Ways>,
+}
+
+/// The ways of light between the samples of a surface.
+struct Ways {
+    steps: Vec<Option<Steps>>,
     /// Neighbours of each sample; its own index where they are too near, [`NOWHERE`] where there is no surface.
     around: Vec<Around>,
     frames: Vec<Frame>,
     cells: Cells,
-    /// Steps of each part; none of parts whose light stays.
-    steps: Vec<Option<Steps>>,
     /// Part of each sample.
     part: Vec<u32>,
     /// Area of the samples in each cell, mm^2.
@@ -266,26 +273,25 @@ impl MovedEntry {
             let medium = media.get(entry.medium? as usize)?.properties;
             Steps::new(medium.eta_inside_over_outside, medium.mean_free_path_mm()).filter(|_| moves(part))
         };
-        let steps: Vec<Option<Steps>> = parts.parts.iter().enumerate().map(of_part).collect();
-        let edge = |part: usize| {
-            let medium = media.get(parts.parts[part].medium? as usize)?.properties;
-            let spacing = (parts.parts[part].area_mm2 / surface.samples.part(part).len().max(1) as f64).sqrt();
-            steps[part].map(|_| (CELL * medium.mean_free_path_mm().max_element()).max(CELL_SAMPLES * spacing))
-        };
-        let cells = Cells::new(surface, edge);
-        let areas_mm2 = cells.sums(surface.patches.iter().map(|patch| [patch.area_mm2]));
-        let mut part = vec![0; surface.samples.len()];
-        for p in 0..parts.parts.len() {
-            part[surface.samples.part(p)].fill(p as u32);
+        Self { steps: parts.parts.iter().enumerate().map(of_part).collect(), ways: OnceLock::new() }
+    }
+
+    /// True if the light of no part moves.
+    pub fn is_still(&self) -> bool {
+        self.steps.iter().all(Option::is_none)
+    }
+
+    /// Makes what is needed before light moves on several threads at once.
+    #[must_use]
+    pub fn prepared(self, surface: &Surface) -> Self {
+        if !self.is_still() {
+            self.ways(surface);
         }
-        let facets = Facets::new(surface);
-        let around = |sample: usize| {
-            let farthest = steps[part[sample] as usize].map_or(0.0, |steps| steps.farthest_mm());
-            neighbours(surface, &facets, (sample, part[sample]), farthest)
-        };
-        let around = (0..part.len()).into_par_iter().map(around).collect();
-        let frames = surface.patches.iter().map(Frame::new).collect();
-        Self { around, frames, cells, steps, part, areas_mm2 }
+        self
+    }
+
+    fn ways(&self, surface: &Surface) -> &Ways {
+        self.ways.get_or_init(|| Ways::new(surface, self.steps.clone()))
     }
 
     /// Irradiance of every sample under lights, RGB, and of the pieces of samples that are lit unevenly: that of lights of one direction
@@ -301,6 +307,9 @@ impl MovedEntry {
         of_others: impl FnOnce(&[Light]) -> Result<(Vec<DVec3>, Pieces)>,
         progress: &dyn Progress,
     ) -> Result<(Vec<DVec3>, Pieces)> {
+        if self.is_still() {
+            return of_others(lights);
+        }
         // The suns of environments come from one direction too.
         let (moving, others): (Vec<Light>, Vec<Light>) = apart(lights, |_| true).into_iter().partition(moves);
         let (mut irradiance, pieces) = match others.as_slice() {
@@ -331,21 +340,24 @@ impl MovedEntry {
 
     /// Moves the irradiance of one light, RGB for each sample. Light of many directions at once stays, as diffuse entry does.
     pub fn moved(&self, surface: &Surface, light: &Light, irradiance: &[DVec3]) -> Vec<DVec3> {
-        if !moves(light) {
+        if !moves(light) || self.is_still() {
             return irradiance.to_vec();
         }
         let values: Vec<[f64; 3]> = irradiance.iter().map(|e| e.to_array()).collect();
-        let moved = self.moved_by(surface, light, &values, |steps, k| steps.shares[k].to_array());
+        let moved = self.ways(surface).moved_by(surface, light, &values, |steps, k| steps.shares[k].to_array());
         moved.into_iter().map(DVec3::from_array).collect()
     }
 
     /// Moves irradiance that is the same for all channels by the mean of the steps of all.
     pub fn move_rows(&self, surface: &Surface, lights: &[Light], rows: &mut IrradianceRows) {
-        let count = rows.lights;
+        if self.is_still() {
+            return;
+        }
+        let (count, ways) = (rows.lights, self.ways(surface));
         let of_light = |rows: &IrradianceRows, (column, light): (usize, &Light)| {
             let values: Vec<[f64; 1]> =
                 rows.values.iter().skip(column).step_by(count).map(|e| [f64::from(*e)]).collect();
-            self.moved_by(surface, light, &values, |steps, k| [steps.shares[k].element_sum() / 3.0])
+            ways.moved_by(surface, light, &values, |steps, k| [steps.shares[k].element_sum() / 3.0])
         };
         let moving: Vec<(usize, &Light)> =
             lights.iter().enumerate().take(count).filter(|(_, light)| moves(light)).collect();
@@ -356,6 +368,36 @@ impl MovedEntry {
                 slots.zip(values).for_each(|(slot, [value])| *slot = value as f32);
             }
         }
+    }
+
+    /// Bytes in memory.
+    pub fn bytes(&self) -> usize {
+        self.ways.get().map_or(0, Ways::bytes)
+    }
+}
+
+impl Ways {
+    fn new(surface: &Surface, steps: Vec<Option<Steps>>) -> Self {
+        let Domain { parts, media, .. } = surface.domain;
+        let edge = |part: usize| {
+            let medium = media.get(parts.parts[part].medium? as usize)?.properties;
+            let spacing = (parts.parts[part].area_mm2 / surface.samples.part(part).len().max(1) as f64).sqrt();
+            steps[part].map(|_| (CELL * medium.mean_free_path_mm().max_element()).max(CELL_SAMPLES * spacing))
+        };
+        let cells = Cells::new(surface, edge);
+        let areas_mm2 = cells.sums(surface.patches.iter().map(|patch| [patch.area_mm2]));
+        let mut part = vec![0; surface.samples.len()];
+        for p in 0..parts.parts.len() {
+            part[surface.samples.part(p)].fill(p as u32);
+        }
+        let facets = Facets::new(surface);
+        let around = |sample: usize| {
+            let farthest = steps[part[sample] as usize].map_or(0.0, |steps| steps.farthest_mm());
+            neighbours(surface, &facets, (sample, part[sample]), farthest)
+        };
+        let around = (0..part.len()).into_par_iter().map(around).collect();
+        let frames = surface.patches.iter().map(Frame::new).collect();
+        Self { steps, around, frames, cells, part, areas_mm2 }
     }
 
     fn moved_by<const C: usize>(
@@ -474,7 +516,7 @@ impl MovedEntry {
     }
 
     /// Bytes in memory.
-    pub fn bytes(&self) -> usize {
+    fn bytes(&self) -> usize {
         size_of_val(self.around.as_slice())
             + size_of_val(self.frames.as_slice())
             + size_of_val(self.cells.of_sample.as_slice())

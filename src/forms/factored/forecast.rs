@@ -27,6 +27,7 @@ pub(super) fn forecast(form: &Factored, scene: &Scene, settings: &BakeSettings) 
     let sums_ms = 0.5 + 1.5e-4 * n + 5e-4 * vertices;
     Forecast {
         samples: Some(samples),
+        baked_samples: None,
         rms: KEEPS * form.truncation.max(form.interpolation) + rows.map_or(0.0, |_| EnvironmentRows::EXPECTED_RMS),
         dark_over_rms: 60.0,
         bytes,

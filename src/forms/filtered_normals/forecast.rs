@@ -13,6 +13,7 @@ pub(super) fn forecast(form: &FilteredNormals, scene: &Scene) -> Forecast {
     let vertices = Body::of(scene).vertices as f64;
     Forecast {
         samples: None,
+        baked_samples: None,
         rms: APPROXIMATION,
         dark_over_rms: 10.0,
         bytes: 2e4 + 0.9 * f64::from(form.rungs) * vertices,

@@ -41,6 +41,7 @@ pub(super) fn forecast(form: &Gathered, scene: &Scene, settings: &BakeSettings) 
     }
     Some(Forecast {
         samples: Some(samples),
+        baked_samples: None,
         rms: form.nets.map_or(HIERARCHY_KEEPS * error, |asked| NETS_KEEP * asked)
             + rows.map_or(0.0, |_| EnvironmentRows::EXPECTED_RMS),
         dark_over_rms: if form.nets.is_some() { 30.0 } else { 25.0 },

@@ -1,8 +1,9 @@
 //! What transport at reference points over a basis of the light is expected to cost: fits to bakes of bunny_3k in skin1 at 50 mm
 //! (`examples/plan_costs`).
 
-use crate::evaluate::MaterialEdit;
 use crate::evaluate::forecast::{Body, Forecast, relight_of_kinds};
+use crate::evaluate::{BakeSettings, MaterialEdit, Model};
+use crate::forms::density::Density;
 use crate::scene::Scene;
 
 /// Area over squared mean free path of the body that costs were fitted to, and the power that errors of sharp light go with: the
@@ -24,13 +25,20 @@ pub(super) struct Basis {
 }
 
 /// The forecast of a basis for an asked error; `sharp` where parallel light is among what is asked for.
-pub(super) fn forecast(scene: &Scene, max_rms: f64, basis: Basis, sharp: bool) -> Forecast {
-    let body = Body::of(scene);
+pub(super) fn forecast(
+    scene: &Scene,
+    settings: &BakeSettings,
+    density: Density,
+    basis: Basis,
+    sharp: bool,
+) -> Forecast {
+    let (body, max_rms) = (Body::of(scene), settings.max_rms);
     let vertices = body.vertices as f64;
     let least = basis.sharp_rms * (body.area_over_path_squared.max(1.0) / AREA_OF_FIT).powf(SHARPER);
     let [soft, parallel] = basis.keeps.map(|keeps| keeps * max_rms);
     Forecast {
         samples: None,
+        baked_samples: (settings.model != Model::Dipole).then(|| density.count(scene, settings.samples)),
         rms: if sharp { parallel.max(least) } else { soft },
         dark_over_rms: 300.0,
         // Reference points are vertices.

@@ -21,6 +21,7 @@ pub(super) fn forecast(form: &TextureSpace, scene: &Scene, settings: &BakeSettin
     let rays = (points_per_patch, directions, area_side.pow(2));
     Forecast {
         samples: None,
+        baked_samples: None,
         rms: TEXTURE + bake::OF_SAMPLES * settings.max_rms,
         dark_over_rms: 8.0,
         bytes: 5e3 + 2.4 * vertices,

@@ -41,6 +41,7 @@ use super::surface::Surface;
 use super::tree::SampleTree;
 use crate::error::{Error, Result};
 use crate::geometry::bvh::Bvh;
+use crate::geometry::part_table::PartEntry;
 use crate::geometry::samples::{self, Facet, Samples};
 use crate::math::random::mix;
 use crate::medium::fresnel::{BoundaryFit, CosineTransmittance};
@@ -143,6 +144,10 @@ pub fn walked(domain: Domain, walks: Walks, progress: &dyn Progress) -> Told {
             let splines = Splines::new(first, diagonal, RATIO);
             let (place, how) = ((&body, told.lattice.as_ref()), (&media[c], &entrance));
             let pilot = walks::told(place, how, &splines, (PILOT, !seed), &Silent);
+            if pilot.lost > MOST_LOST {
+                told.lost[part] = pilot.lost;
+                break;
+            }
             let events = pilot.collisions as f64 / PILOT as f64;
             photons[c] = walks.photons.min((walks.collisions as f64 / events.max(1.0)) as u64).max(PILOT);
             progress.start("walks", photons[c]);
@@ -180,6 +185,21 @@ pub fn walked(domain: Domain, walks: Walks, progress: &dyn Progress) -> Told {
     told
 }
 
+/// True if a part of a domain keeps light inside, so that walks can calibrate it: told by a few of them.
+pub fn any_is_closed(domain: Domain) -> bool {
+    let lattice = Lattice::new(domain);
+    let is_closed = |(part, entry): (usize, &PartEntry)| {
+        let Some(medium) = entry.medium.and_then(|m| domain.media.get(m as usize)) else { return false };
+        let walked = WalkMedium::new(&medium.properties, 0);
+        let body = Body::new(domain, part as u32, walked.free_path_mm);
+        let entrance = CosineTransmittance::new(medium.properties.eta_inside_over_outside);
+        let splines = Splines::new(0.1 * body.diagonal_mm, body.diagonal_mm, RATIO);
+        body.diagonal_mm > 0.0
+            && walks::told((&body, &lattice), (&walked, &entrance), &splines, (PILOT, 0), &Silent).lost <= MOST_LOST
+    };
+    domain.parts.parts.iter().enumerate().any(is_closed)
+}
+
 /// The kernels of a scene, calibrated.
 pub struct Calibrated {
     /// Layers of each part; none for opaque parts, and for those that keep their dipole.
@@ -213,14 +233,18 @@ impl CalibratedSamples {
 const SOLVED: f64 = 1e-4;
 const MOST_ROUNDS: usize = 40;
 
-/// Slots that share a traversal of the samples.
-const GROUP: usize = 16;
+/// Slots that share a traversal of the samples: few, since those that factors are solved for are far apart.
+const GROUP: usize = 8;
 
-/// Samples with which the factors of points are solved for at most; factors are smooth.
+/// Points that factors are solved for at most; factors are smooth, and the other points follow from their row sums.
 const SOLVING: usize = 8192;
 
-/// Solid angle of clusters in those sums, sr.
+/// Samples of those sums at most: as many as triangles, since what is near is summed triangle by triangle.
+const MOST_SUMMED: usize = 1 << 17;
+
+/// Solid angle of clusters in those sums, sr, and the relative error that their near field is made for.
 const SOLVING_ANGLE: f64 = 0.03;
+const SOLVING_ERROR: f64 = 0.01;
 
 impl Calibrated {
     /// Walks through the parts of a domain, and what they tell as kernels and factors. `bvh` holds the triangles of its mesh.
@@ -236,7 +260,8 @@ impl Calibrated {
     /// # Errors
     /// A dipole that cannot be tabulated.
     pub fn new(domain: Domain, bvh: &Bvh, told: Told, progress: &dyn Progress) -> Result<Self> {
-        let samples = Samples::new(domain.mesh, domain.parts, SOLVING);
+        let count = domain.mesh.triangles.len().clamp(SOLVING, MOST_SUMMED);
+        let samples = Samples::new(domain.mesh, domain.parts, count);
         let patches = samples::patches(domain.mesh, &samples);
         let tree = SampleTree::new(&samples, &patches);
         let surface = Surface { domain, bvh, samples: &samples, patches: &patches };
@@ -262,7 +287,7 @@ impl Calibrated {
     }
 
     /// Iterates `s <- s (t / (s K s))^(2/3)`, t the row sums of the walks and s K s those of the kernel: of all slots, or where
-    /// there are more than samples of one slot in each sample, and of the others at the end.
+    /// there are many of one slot in each of some clusters of the surface, and of the others at the end.
     fn solve(&mut self, surface: &Surface, tree: &SampleTree, halves: &[Vec<DVec3>; 2], progress: &dyn Progress) {
         if self.parts.iter().all(Option::is_none) {
             return;
@@ -277,16 +302,17 @@ impl Calibrated {
             Receivers::oriented(&places, &normals, GROUP)
         };
         let scheme = Scheme::Hierarchical { criterion: Criterion::SolidAngle(SOLVING_ANGLE) };
-        let gather = Gather::with_kernels_of_parts(surface, tree, self.kernels.clone(), NearField::FAST);
+        let gather =
+            Gather::with_kernels_of_parts(surface, tree, self.kernels.clone(), NearField::for_error(SOLVING_ERROR));
         let sums = |receivers: &Receivers, factors: &[DVec3]| {
             receivers.expand(&gather.radiosity(receivers, &gather.light(factors), scheme, &Silent))
         };
         progress.start("row sums", MOST_ROUNDS as u64);
         let all = at(&slots);
         let ones = vec![DVec3::ONE; surface.samples.len()];
-        let few = (slots.len() > surface.samples.len()).then(|| self.slots_of_samples(surface));
+        let clusters = (slots.len() > SOLVING).then(|| self.clusters(surface));
         // Walks tell means over hat functions. Sums dip at edges and corners, less far than wide hat functions reach.
-        let guess = match &few {
+        let guess = match &clusters {
             Some(_) => sums(&all, &ones),
             None => {
                 let (places, normals) = lattice.middles(|slot| place(slot as usize));
@@ -294,34 +320,60 @@ impl Calibrated {
             }
         };
         let wanted = smoothing::smoothed(&lattice, halves, &guess);
-        let chosen = few.as_ref().map(|few| at(few));
-        let mut of_few = ones;
+        let Some(Clusters { slots: few, of_sample }) = clusters else {
+            for _ in 0..MOST_ROUNDS {
+                let there = sums(&all, &self.of_samples(surface));
+                let change = stepped(&mut self.scale, wanted.iter().copied().zip(there), is_calibrated);
+                progress.advance(1);
+                if change < SOLVED {
+                    break;
+                }
+            }
+            return progress.finish();
+        };
+        let chosen = at(&few);
+        let mut of_few = vec![DVec3::ONE; few.len()];
+        let of_samples = |of_few: &[DVec3]| -> Vec<DVec3> { of_sample.iter().map(|&c| of_few[c as usize]).collect() };
         for _ in 0..MOST_ROUNDS {
-            let change = match (&few, &chosen) {
-                (Some(few), Some(chosen)) => {
-                    let there = sums(chosen, &of_few);
-                    let of = |slot: &u32| wanted[*slot as usize];
-                    stepped(&mut of_few, few.iter().map(of).zip(there), |i| is_calibrated(few[i] as usize))
-                }
-                _ => {
-                    let there = sums(&all, &self.of_samples(surface));
-                    stepped(&mut self.scale, wanted.iter().copied().zip(there), is_calibrated)
-                }
-            };
+            let there = sums(&chosen, &of_samples(&of_few));
+            let of = |slot: &u32| wanted[*slot as usize];
+            let change = stepped(&mut of_few, few.iter().map(of).zip(there), |i| is_calibrated(few[i] as usize));
             progress.advance(1);
             if change < SOLVED {
                 break;
             }
         }
-        if few.is_some() {
-            let there = sums(&all, &of_few);
-            for (slot, ((scale, wanted), there)) in self.scale.iter_mut().zip(&wanted).zip(there).enumerate() {
-                for c in (0..3).filter(|&c| is_calibrated(slot) && wanted[c] > 0.0 && there[c] > 0.0) {
-                    scale[c] = wanted[c] / there[c];
-                }
+        let there = sums(&all, &of_samples(&of_few));
+        for (slot, ((scale, wanted), there)) in self.scale.iter_mut().zip(&wanted).zip(there).enumerate() {
+            for c in (0..3).filter(|&c| is_calibrated(slot) && wanted[c] > 0.0 && there[c] > 0.0) {
+                scale[c] = wanted[c] / there[c];
             }
         }
         progress.finish();
+    }
+
+    /// Clusters of a surface whose samples are finer.
+    fn clusters(&self, surface: &Surface) -> Clusters {
+        let domain = surface.domain;
+        let samples = Samples::new(domain.mesh, domain.parts, SOLVING);
+        let patches = samples::patches(domain.mesh, &samples);
+        let slots = self.slots_of_samples(&Surface { samples: &samples, patches: &patches, ..*surface });
+        let mut of_triangle: Vec<(u32, u32)> = (0..samples.len())
+            .flat_map(|cluster| samples.patch(cluster).iter().map(move |facet| (facet.triangle, cluster as u32)))
+            .collect();
+        of_triangle.sort_unstable();
+        of_triangle.dedup();
+        let cluster = |sample: usize| {
+            let centre = surface.patches[sample].centre_mm;
+            let around = surface.samples.patch(sample).iter().flat_map(|facet| {
+                let from = of_triangle.partition_point(|(triangle, _)| *triangle < facet.triangle);
+                of_triangle[from..].iter().take_while(|(triangle, _)| *triangle == facet.triangle)
+            });
+            let distance = |cluster: u32| patches[cluster as usize].centre_mm.distance_squared(centre);
+            around.map(|(_, cluster)| *cluster).min_by(|&a, &b| distance(a).total_cmp(&distance(b)).then(a.cmp(&b)))
+        };
+        let of_sample = (0..surface.samples.len()).map(|sample| cluster(sample).unwrap_or(0)).collect();
+        Clusters { slots, of_sample }
     }
 
     /// What the moving of light needs of a surface: light moves in calibrated parts.
@@ -389,6 +441,14 @@ impl Calibrated {
         let of = |slot: &u32| self.scale.get(*slot as usize).copied().unwrap_or(DVec3::ONE);
         self.lattice.of_vertex.iter().map(of).collect()
     }
+}
+
+/// Clusters of the samples of a surface, each with one factor while factors are solved for.
+struct Clusters {
+    /// A slot of each cluster.
+    slots: Vec<u32>,
+    /// Cluster of each sample.
+    of_sample: Vec<u32>,
 }
 
 /// One round: each factor times `(wanted / (factor there))^(2/3)`; the largest change. The errors of smooth factors count twice in row sums,

@@ -138,6 +138,15 @@ impl MediumKernel {
         }
     }
 
+    /// The same without a double layer.
+    #[must_use]
+    pub fn single_layer(&self) -> Self {
+        match &self.fast {
+            Fast::Layers(layers) => Self { fast: Fast::Table(Arc::new(layers.single().clone())), ..self.clone() },
+            Fast::Poles { .. } | Fast::Table(_) => self.clone(),
+        }
+    }
+
     /// The profiles of the three channels.
     pub fn profiles(&self) -> &[Arc<dyn Profile>; 3] {
         &self.profiles

@@ -46,6 +46,9 @@ const NEARER: f64 = 1.35;
 /// Trials at most, each in both ways.
 const TRIALS: usize = 10;
 
+/// Error over that before from which on neither way leads further.
+const NO_GAIN: f64 = 0.97;
+
 /// Distance over radius at most below which samples are integrated by points.
 const MOST_NEAR: f64 = 24.0;
 
@@ -95,14 +98,13 @@ impl Quality {
             lights.iter().map(truth).collect()
         };
         let guess = Self::for_error(error);
-        let mut quality = Self { softening: SMOOTHEST * guess.softening, ..guess };
-        let mut nets = SurfaceNets::new(surface, receivers, quality);
+        let guess = Self { softening: SMOOTHEST * guess.softening, ..guess };
+        let mut nets = SurfaceNets::new(surface, receivers, guess);
         let media: Vec<&KernelsOfParts> =
             media.iter().filter(|(kernels, parts)| nets.resolve((kernels, parts))).collect();
-        let truths: Vec<Vec<Vec<DVec3>>> = media.iter().map(|kernels| truths_in(kernels)).collect();
-        let mut measured = |quality: Self| {
+        let mut measured = |quality: Self, media: &[(&KernelsOfParts, Vec<Vec<DVec3>>)]| {
             nets.set_quality(surface, receivers, quality);
-            let in_media = |((kernels, of_part), truths): (&KernelsOfParts, &Vec<Vec<DVec3>>)| {
+            let in_media = |((kernels, of_part), truths): &(&KernelsOfParts, Vec<Vec<DVec3>>)| {
                 let tables = nets.tables(surface, receivers, (kernels, of_part));
                 let of_light = |((irradiance, pieces), truth): (&(Vec<DVec3>, Pieces), &Vec<DVec3>)| {
                     let all = nets.radiosity(surface, &tables, SampleLight::new(irradiance, pieces), receivers);
@@ -110,8 +112,23 @@ impl Quality {
                 };
                 lights.iter().zip(truths).map(of_light).fold(0.0, f64::max)
             };
-            media.iter().copied().zip(&truths).map(in_media).fold(0.0, f64::max)
+            media.iter().map(in_media).fold(0.0, f64::max)
         };
+        // Double layers have nets of their own, which take long to make: they are tried where single layers are near enough.
+        let single: Vec<KernelsOfParts> = media
+            .iter()
+            .map(|(kernels, parts)| (kernels.iter().map(MediumKernel::single_layer).collect(), parts.clone()))
+            .collect();
+        let tried: Vec<_> = single.iter().map(|kernels| (kernels, truths_in(kernels))).collect();
+        let quality = guess.searched(error, |quality| measured(quality, &tried));
+        let layered = media.into_iter().filter(|(kernels, _)| kernels.iter().any(|kernel| kernel.layers().is_some()));
+        let tried: Vec<_> = layered.map(|kernels| (kernels, truths_in(kernels))).collect();
+        if tried.is_empty() { quality } else { quality.searched(error, |quality| measured(quality, &tried)) }
+    }
+
+    /// The first quality from this one on whose measured error is small enough, or the last one tried.
+    fn searched(self, error: f64, mut measured: impl FnMut(Self) -> f64) -> Self {
+        let mut quality = self;
         let mut found = measured(quality);
         for _ in 0..TRIALS {
             if found <= TARGET * error {
@@ -119,6 +136,9 @@ impl Quality {
             }
             let [softer, nearer] = [quality.softer(), quality.nearer()];
             let both = [measured(softer), measured(nearer)];
+            if both[0].min(both[1]) > NO_GAIN * found {
+                break;
+            }
             // The softening costs more, so it has to bring more.
             (quality, found) = if both[0] < 0.95 * both[1] { (softer, both[0]) } else { (nearer, both[1]) };
             if quality.softening >= MOST_SOFTENING && quality.near.facets_below >= MOST_NEAR {

@@ -56,7 +56,7 @@ impl Form for Harmonics {
     fn forecast(&self, scene: &Scene, settings: &BakeSettings) -> Option<Forecast> {
         let basis = Basis { sharp_rms: 0.031, bytes: 1.4e6, bake_s: 7.0, keeps: [0.8, 3.0] };
         let sharp = settings.is_for(LightKind::Directional);
-        Some(forecast(scene, settings.max_rms, basis, sharp).served(KINDS))
+        Some(forecast(scene, settings, self.0.density, basis, sharp).served(KINDS))
     }
 
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {

@@ -102,7 +102,7 @@ impl Form for QuantisedLights {
             keeps: [1.0, 1.6],
         };
         let kinds = if self.lights.shells == 0 { distant::KINDS } else { &LightKind::ALL[..] };
-        Some(forecast(scene, settings.max_rms, basis, true).served(kinds))
+        Some(forecast(scene, settings, self.density, basis, true).served(kinds))
     }
 
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
