@@ -210,6 +210,14 @@ mod tests {
         assert_eq!(found(&ball, &BakeSettings::new(0.01), &[]), density, "no probe lights");
         let walks = Model::Calibrated(crate::transport::calibration::Walks::default());
         assert_eq!(found(&ball, &BakeSettings { model: walks, ..settings(0.01) }, &[]), density);
+        // A body that walks cannot calibrate keeps its dipole.
+        let mut open = shapes::icosphere(8.0, 2);
+        open.triangles.truncate(open.triangles.len() - 40);
+        open.triangle_material.truncate(open.triangles.len());
+        let open = self::scene(open, "marble");
+        let count = found(&open, &settings(0.01), &[]);
+        assert_eq!(found(&open, &BakeSettings { model: walks, ..settings(0.01) }, &[]), count);
+        assert!(count < density, "{count}");
         // More than half as many triangles as samples.
         let fine = scene(shapes::icosphere(8.0, 5), "marble");
         assert_eq!(found(&fine, &settings(0.01), &[]), DENSITY.count(&fine, None));

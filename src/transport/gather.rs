@@ -53,6 +53,8 @@ pub struct Gather<'a> {
     /// Factors of the samples, RGB; empty where there are none.
     factors: &'a [DVec3],
     near: NearField,
+    /// Whether what is near some of the receivers of a wide group is summed for each alone.
+    one_by_one: bool,
     level: InstructionSet,
 }
 
@@ -122,7 +124,16 @@ impl<'a> Gather<'a> {
         (kernels, of_part): (Vec<MediumKernel>, Vec<Option<u32>>),
         near: NearField,
     ) -> Self {
-        Self { surface: *surface, tree, kernels, of_part, factors: &[], near, level: InstructionSet::detect() }
+        Self {
+            surface: *surface,
+            tree,
+            kernels,
+            of_part,
+            factors: &[],
+            near,
+            one_by_one: false,
+            level: InstructionSet::detect(),
+        }
     }
 
     /// A gather with calibrated kernels, and which of them each part has; `factors` are those of the samples, RGB.
@@ -133,6 +144,12 @@ impl<'a> Gather<'a> {
         near: NearField,
     ) -> Self {
         Self { factors, ..Self::with_kernels_of_parts(surface, tree, kernels.clone(), near) }
+    }
+
+    /// The same for receivers that may be far apart: what is near some of a group is no nearer than it is to each.
+    #[must_use]
+    pub fn one_by_one(self) -> Self {
+        Self { one_by_one: true, ..self }
     }
 
     /// Prepares the tree for one irradiance per sample, RGB.
@@ -182,7 +199,7 @@ impl<'a> Gather<'a> {
         // Wider groups would share more of what is near than a receiver alone has.
         let narrow_mm = self.near.exact_below * self.mean_radius_mm();
         jobs.for_each_init(Lists::default, |lists, (group, out)| {
-            let is_wide = scheme == Scheme::AllPairs && receivers.sphere(*group).radius_mm > narrow_mm;
+            let is_wide = self.one_by_one && receivers.sphere(*group).radius_mm > narrow_mm;
             self.group(receivers, *group, lit, (scheme, is_wide), lists);
             for (i, value) in out.iter_mut().enumerate() {
                 let sum = lists.block.sum(i) + lists.alone.get(i).copied().unwrap_or_default();

@@ -215,3 +215,29 @@ fn models_of_one_triangle_of_twin_sheets_and_of_a_micron_are_exact() {
         }
     }
 }
+
+#[test]
+fn receivers_that_are_far_apart_are_summed_together_as_alone() {
+    let fixture = Fixture::new(shapes::bumpy_head(10.0, 4), unit_medium(), 3000);
+    let receivers = fixture.receivers(16);
+    let e: Vec<DVec3> = (0..3000).map(|i| DVec3::new(1.0, f64::from(i % 3), f64::from(i % 7))).collect();
+    let apart: Vec<u32> = (0..receivers.len() as u32).step_by(29).collect();
+    let surface = fixture.surface();
+    let sums = |near: NearField, capacity: usize| {
+        let some = receivers.only(&apart, capacity);
+        let widest = some.groups.iter().map(|group| some.sphere(*group).radius_mm).fold(0.0, f64::max);
+        assert_eq!(widest > 3.0, capacity > 1);
+        let gather = Gather::new(&surface, &fixture.tree, &fixture.scene.media, near).one_by_one();
+        gather.radiosity(&some, &gather.light(&e), Scheme::AllPairs, &Silent)
+    };
+    let truth = sums(NearField::REFERENCE, 1);
+    let error = |near: NearField, capacity: usize| worst(&sums(near, capacity), &truth, total(&fixture));
+    // Some of what is near one of a group is finer for the others than it has to be.
+    assert!(
+        truth.len() == apart.len() && error(NearField::REFERENCE, 16) < 1e-4,
+        "{}",
+        error(NearField::REFERENCE, 16)
+    );
+    let [together, alone] = [16, 1].map(|capacity| error(NearField::FAST, capacity));
+    assert!(together < 1.1 * alone && alone < 0.01, "{together} {alone}");
+}

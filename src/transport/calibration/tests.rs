@@ -260,6 +260,7 @@ fn openings_keep_their_dipole() {
     let scene = scene_of(open, "marble");
     let walks = Walks { photons: 4000, ..Walks::default() };
     let body = CalibratedSurface::new(scene.domain(), 2048, walks, &Silent).unwrap();
+    assert!(!any_is_closed(scene.domain()) && any_is_closed(ball(10.0, "marble").domain()));
     assert!(body.calibrated.parts[0].is_none() && body.calibrated.scale.iter().all(|s| *s == DVec3::ONE));
     let radiosity = body.radiosity(&[light], SAMPLING, &Silent).unwrap();
     assert!(radiosity.iter().all(|b| b.is_finite()));
@@ -277,6 +278,15 @@ fn weights_of_many_lights_hold_layers_and_the_factors_of_both_ends() {
     let gather = Gather::calibrated(&surface, &fixture.tree, (&calibrated.kernels, &factors), NearField::FAST);
     let receivers = fixture.receivers(16).with_factors(&calibrated.of_vertices());
     let areas = vec![1.0; receivers.len()];
+    let apart: Vec<u32> = (0..receivers.len() as u32).step_by(17).collect();
+    let even = vec![DVec3::ONE; factors.len()];
+    let one_by_one =
+        Gather::calibrated(&surface, &fixture.tree, (&calibrated.kernels, &factors), NearField::REFERENCE).one_by_one();
+    let [together, alone] = [16, 1].map(|capacity| {
+        let some = receivers.only(&apart, capacity);
+        one_by_one.radiosity(&some, &one_by_one.light(&even), Scheme::AllPairs, &Silent)
+    });
+    assert!(relative_rms(&together, &alone) < 1e-4);
     let columns: Vec<Vec<DVec3>> = [DVec3::new(0.3, 0.8, 0.5), DVec3::new(-0.9, 0.2, 0.1), DVec3::NEG_Y]
         .map(|from| surface.patches.iter().map(|p| DVec3::splat(p.cross_mm2.dot(from).max(0.0) / p.area_mm2)).collect())
         .to_vec();
@@ -296,4 +306,23 @@ fn weights_of_many_lights_hold_layers_and_the_factors_of_both_ends() {
     many.tune(0.005, &rows);
     let hierarchical = worst(&many);
     assert!(matches!(many.scheme(), Scheme::Hierarchical { .. }) && hierarchical < 0.0075, "{hierarchical}");
+}
+
+#[test]
+fn samples_have_the_factor_of_a_point_nearby_while_factors_are_solved_for() {
+    let scene = scene_of(shapes::icosphere(10.0, 6), "marble");
+    let domain = scene.domain();
+    let Told { lattice, parts, .. } = Told::nothing(domain);
+    assert!(lattice.len() > SOLVING);
+    let calibrated = Calibrated::kept(domain, parts, vec![DVec3::ONE; lattice.len()]).unwrap();
+    let bvh = Bvh::new(&scene.mesh);
+    let samples = Samples::new(&scene.mesh, &scene.parts, scene.mesh.triangles.len());
+    let patches = samples::patches(&scene.mesh, &samples);
+    let clusters = calibrated.clusters(&Surface { domain, bvh: &bvh, samples: &samples, patches: &patches });
+    assert_eq!((clusters.slots.len(), clusters.of_sample.len()), (SOLVING, samples.len()));
+    let spacing = (scene.parts.parts[0].area_mm2 / SOLVING as f64).sqrt();
+    for (patch, cluster) in patches.iter().zip(&clusters.of_sample) {
+        let at = lattice.at_mm[clusters.slots[*cluster as usize] as usize];
+        assert!(at.distance(patch.centre_mm) < 2.0 * spacing, "{at} {}", patch.centre_mm);
+    }
 }
