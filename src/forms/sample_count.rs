@@ -214,7 +214,7 @@ mod tests {
         let mut open = shapes::icosphere(8.0, 2);
         open.triangles.truncate(open.triangles.len() - 40);
         open.triangle_material.truncate(open.triangles.len());
-        let open = self::scene(open, "marble");
+        let open = scene(open, "marble");
         let count = found(&open, &settings(0.01), &[]);
         assert_eq!(found(&open, &BakeSettings { model: walks, ..settings(0.01) }, &[]), count);
         assert!(count < density, "{count}");
