@@ -149,14 +149,15 @@ impl<'a> SampledScene<'a> {
                 row[column] = e.x as f32;
             }
         }
-        Ok(self.moved_rows(lights, IrradianceRows { lights: lights.len(), by_channel: false, values }))
+        let mut rows = IrradianceRows { lights: lights.len(), values };
+        self.move_rows(lights, &mut rows);
+        Ok(rows)
     }
 
-    /// Irradiance under lights where it first scatters, if kernels are calibrated: each channel has its own then.
-    pub(crate) fn moved_rows(&self, lights: &[Light], rows: IrradianceRows) -> IrradianceRows {
-        match &self.model {
-            Some(model) => model.entry.moved_rows(&self.surface(), lights, rows),
-            None => rows,
+    /// Moves irradiance under lights to where it first scatters, where kernels are calibrated.
+    pub(crate) fn move_rows(&self, lights: &[Light], rows: &mut IrradianceRows) {
+        if let Some(model) = &self.model {
+            model.entry.move_rows(&self.surface(), lights, rows);
         }
     }
 

@@ -28,13 +28,11 @@ pub(super) fn irradiance(
     progress: &dyn Progress,
 ) -> Result<IrradianceRows> {
     let surface = sampled.surface();
-    let rows = TexelBaker::new(&surface, resolution).harmonics(order, progress);
-    if sampled.model.as_ref().is_none_or(|model| model.entry.is_still()) {
+    let mut rows = TexelBaker::new(&surface, resolution).harmonics(order, progress);
+    if sampled.model.is_none() {
         return Ok(rows);
     }
     let functions = order * order;
-    let of_channels = rows.values.chunks(functions.max(1)).flat_map(|row| [row; 3]).flatten().copied().collect();
-    let mut rows = IrradianceRows { lights: functions, by_channel: true, values: of_channels };
     let set = parallel(sampled.scene, (OF_A_HARMONIC * functions).max(LEAST))?;
     let seen = Seen::new(sampled, &set, progress);
     let solid_angle = 4.0 * std::f64::consts::PI / set.count() as f64;
@@ -42,7 +40,8 @@ pub(super) fn irradiance(
     for run in neighbours(&set.directions, 1) {
         let lights: Vec<Light> = run.iter().filter_map(|&light| set.entry(light as usize)).collect();
         let before = irradiance_of_seen(sampled, &seen, &run);
-        let after = sampled.moved_rows(&lights, before.clone());
+        let mut after = before.clone();
+        sampled.move_rows(&lights, &mut after);
         // Harmonics in the direction of each light, for a light that is so wide.
         let mut matrix = Vec::with_capacity(lights.len() * functions);
         for light in &lights {
@@ -50,11 +49,9 @@ pub(super) fn irradiance(
         }
         let level = InstructionSet::detect();
         let count = run.len().max(1);
-        let changes = before.values.par_chunks(count).zip(after.values.par_chunks(3 * count));
-        rows.values.par_chunks_mut((3 * functions).max(1)).zip(changes).for_each(|(rows, (before, after))| {
-            for (row, after) in rows.chunks_exact_mut(functions.max(1)).zip(after.chunks_exact(count)) {
-                add_changes(level, row, before, after, &matrix);
-            }
+        let changes = before.values.par_chunks(count).zip(after.values.par_chunks(count));
+        rows.values.par_chunks_mut(functions.max(1)).zip(changes).for_each(|(row, (before, after))| {
+            add_changes(level, row, before, after, &matrix);
         });
         progress.advance(run.len() as u64);
     }
