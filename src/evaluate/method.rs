@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use translux_format::RawSection;
+use translux_format::calibration::Calibration;
 use translux_format::metadata::tags;
 
 use super::evaluator::Evaluator;
@@ -15,7 +16,6 @@ use crate::error::{Error, Result};
 use crate::light::LightKind;
 use crate::progress::Progress;
 use crate::scene::Scene;
-use crate::transport::calibration::any_is_closed;
 
 /// What is known of a method before it is asked for anything.
 #[derive(Clone, Copy)]
@@ -163,7 +163,8 @@ impl Recipe {
         if let Model::Calibrated(_) = self.settings.model {
             let walks = match &self.settings.walks {
                 Some(walks) => Some(Arc::clone(walks)),
-                None if !any_is_closed(asset.scene.domain()) => None,
+                // No part that walks could calibrate is one that they could tell the error of.
+                None if !any_is_calibrated(&asset)? => None,
                 None => ModelWalks::new(&asset.scene, progress)?.map(Arc::new),
             };
             if let Some(walks) = walks {
@@ -173,6 +174,12 @@ impl Recipe {
         }
         Ok(asset)
     }
+}
+
+/// True if walks calibrated a part of an asset.
+fn any_is_calibrated(asset: &Asset) -> Result<bool> {
+    let numbers = Calibration::numbers(&asset.sections).map_err(read_error)?;
+    Ok(numbers.is_some_and(|numbers| numbers.parts.iter().any(Option::is_some)))
 }
 
 /// The methods that can be chosen and the forms that can be opened.

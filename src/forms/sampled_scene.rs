@@ -127,9 +127,9 @@ impl<'a> SampledScene<'a> {
 
     fn calibrated(mut self, calibrated: Arc<Calibrated>) -> Self {
         self.receivers = self.receivers.with_factors(&calibrated.of_vertices());
-        let CalibratedSamples { calibrated, factors, entry } = CalibratedSamples::new(calibrated, &self.surface());
-        let entry = entry.prepared(&self.surface());
-        self.model = Some(CalibratedSamples { calibrated, factors, entry });
+        let model = CalibratedSamples::new(calibrated, &self.surface());
+        model.entry.prepare(&self.surface());
+        self.model = Some(model);
         self
     }
 

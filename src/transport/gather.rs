@@ -197,7 +197,7 @@ impl<'a> Gather<'a> {
         let mut result = vec![DVec3::ZERO; receivers.len()];
         let jobs = receivers.groups.par_iter().zip(receivers.cut(&mut result, 1));
         // Wider groups would share more of what is near than a receiver alone has.
-        let narrow_mm = self.near.exact_below * self.mean_radius_mm();
+        let narrow_mm = if self.one_by_one { self.near.exact_below * self.mean_radius_mm() } else { f64::INFINITY };
         jobs.for_each_init(Lists::default, |lists, (group, out)| {
             let is_wide = self.one_by_one && receivers.sphere(*group).radius_mm > narrow_mm;
             self.group(receivers, *group, lit, (scheme, is_wide), lists);

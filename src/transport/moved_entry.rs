@@ -282,12 +282,10 @@ impl MovedEntry {
     }
 
     /// Makes what is needed before light moves on several threads at once.
-    #[must_use]
-    pub fn prepared(self, surface: &Surface) -> Self {
+    pub fn prepare(&self, surface: &Surface) {
         if !self.is_still() {
             self.ways(surface);
         }
-        self
     }
 
     fn ways(&self, surface: &Surface) -> &Ways {
