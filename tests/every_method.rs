@@ -83,6 +83,8 @@ fn every_light(scene: &Scene) -> Vec<Light> {
         Light::area(at(0.5, 0.6, -0.4), DVec3::new(-0.5, -0.6, 0.4), [0.4 * size, 0.3 * size], DVec3::ONE, None)
             .unwrap(),
         Light::environment(Arc::new(sky::sky()), 40.0, DVec3::ONE).unwrap(),
+        // Onto a part of the body.
+        Light::spot(at(-0.5, 0.7, 0.6), centre, 30.0, 0.3, DVec3::new(1.0, 0.8, 0.6) * size * size).unwrap(),
     ];
     let kinds: BTreeSet<LightKind> = lights.iter().map(Light::kind).collect();
     assert_eq!(kinds, LightKind::ALL.into_iter().collect());

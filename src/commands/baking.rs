@@ -95,7 +95,7 @@ impl WalkOptions {
 /// The kinds of light of `--for-lights`.
 pub(super) fn light_kinds(text: &str) -> Result<BTreeSet<LightKind>> {
     if text.trim() == "all" {
-        return Ok(LightKind::ALL.into_iter().collect());
+        return Ok(LightKind::STORABLE.into_iter().collect());
     }
     let kind = |name: &str| {
         LightKind::ALL.into_iter().find(|k| k.name() == name).ok_or_else(|| {

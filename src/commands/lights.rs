@@ -17,7 +17,7 @@ use crate::scene::Scene;
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Light")]
 pub(super) struct LightArgs {
-    /// A light; repeatable. constant, directional, point, area, env, sky or a bare path of an EXR or HDR picture
+    /// A light; repeatable. constant, directional, point, spot, area, env, sky or a bare path of an EXR or HDR picture
     #[arg(long = "light", value_name = "LIGHT", long_help = long_help())]
     pub(super) light: Vec<String>,
 }
@@ -26,18 +26,23 @@ fn long_help() -> String {
     let forms: Vec<&str> = examples().collect();
     format!(
         "A light; repeatable, their light adds up. Without any, the built-in sky. Lengths in mm, values a number or R,G,B:\n  {}\n\
-         A bare path is an environment. An area light with field=32 goes through a source radiance field of 32 x 32 points on each of its \
+         A bare path is an environment. A spot's angle is the full angle of its cone in degrees, its blend the share of the half angle, from \
+         the edge inwards, over which it falls to nothing (0.15). An area light with field=32 goes through a source radiance field of 32 x 32 points on each of its \
          spheres, without rays: for assets of `editable` with rows for environments.",
         forms.join("\n  ")
     )
 }
 
-/// Warns of lights inside a body, on its surface, or too near to it for the samples.
+/// Warns of lights that shine past the scene, inside a body, on its surface, or too near to it for the samples.
 pub(super) fn warn_of_places(scene: &Scene, lights: &[Light], samples: usize, console: &Console) {
     let place = |p: DVec3| p.to_array().map(significant).join(", ");
     for found in doubtful(scene, lights, samples) {
         let (part, distance) = (&found.part, significant(found.distance_mm));
         let what = match found.doubt {
+            Doubt::Misses => format!(
+                "shines past the object and adds nothing: the object's centre is at {}, {distance} mm away",
+                place(found.nearest_mm)
+            ),
             Doubt::Inside => format!(
                 "is inside the part '{part}', {distance} mm from its surface at {}: light that starts within a body is not modelled and \
                  adds nothing",

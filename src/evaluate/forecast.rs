@@ -109,7 +109,7 @@ pub fn light_ms(samples: usize, sampling: LightSampling, has_rows: bool, kind: L
 /// lights, `directions` for environments, `cells` for area lights.
 pub fn rays_ms(samples: usize, (points, directions, cells): (u32, u32, u32), kind: LightKind) -> f64 {
     let rays = match kind {
-        LightKind::Directional | LightKind::Point => points,
+        LightKind::Directional | LightKind::Point | LightKind::Spot => points,
         LightKind::Area => cells,
         LightKind::Environment | LightKind::Constant => directions,
     };

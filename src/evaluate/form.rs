@@ -55,12 +55,12 @@ pub struct BakeSettings {
 }
 
 impl BakeSettings {
-    /// Settings for every kind of light, as many samples as are needed, no probe lights.
+    /// Settings for every kind of light that can be stored, as many samples as are needed, no probe lights.
     pub fn new(max_rms: f64) -> Self {
         Self {
             samples: None,
             max_rms,
-            for_lights: LightKind::ALL.into_iter().collect(),
+            for_lights: LightKind::STORABLE.into_iter().collect(),
             model: Model::Dipole,
             kernels: Vec::new(),
             walks: None,
@@ -68,16 +68,16 @@ impl BakeSettings {
         }
     }
 
-    /// The settings with those of the unseen probe lights that the asset is made for: points where point or area lights are asked for,
+    /// The settings with those of the unseen probe lights that the asset is made for: points where point, spot or area lights are asked for,
     /// environments where environments or constant light are, directions in any case.
     #[must_use]
     pub fn with_probes_of_kinds(&self) -> Self {
         let soft = self.is_for(LightKind::Environment) || self.is_for(LightKind::Constant);
-        let near = self.is_for(LightKind::Point) || self.is_for(LightKind::Area);
+        let near = [LightKind::Point, LightKind::Area, LightKind::Spot].iter().any(|kind| self.is_for(*kind));
         let mut settings = self.clone();
         settings.probes.unseen.retain(|light| match light.kind() {
             LightKind::Directional => true,
-            LightKind::Point | LightKind::Area => near,
+            LightKind::Point | LightKind::Area | LightKind::Spot => near,
             LightKind::Environment | LightKind::Constant => soft,
         });
         settings

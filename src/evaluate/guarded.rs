@@ -73,7 +73,7 @@ fn most_irradiance(light: &Light, mesh: &Mesh, known: &mut Option<(Shared<Enviro
     match light {
         Light::Constant { radiance } | Light::Area { radiance, .. } => PI * radiance.max_element(),
         Light::Directional { irradiance, .. } => irradiance.max_element(),
-        Light::Point { at_mm, intensity } => {
+        Light::Point { at_mm, intensity } | Light::Spot { at_mm, intensity, .. } => {
             let [min, max] = mesh.bounds_local_mm();
             let local = *at_mm - mesh.origin_mm;
             let squared = local.distance_squared(local.clamp(min, max));

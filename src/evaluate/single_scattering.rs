@@ -8,7 +8,7 @@ use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
-use crate::progress::Progress;
+use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::receivers::ProbePoints;
 use crate::transport::single_scattering::radiance::{DepthSampling, Path, Settings, Share, SingleScattering};
@@ -159,13 +159,21 @@ impl Traced {
         Ok(Some(places.of_vertex.iter().map(of).collect()))
     }
 
+    /// [`Self::per_vertex`] of some points with the keys of their random numbers, in their order.
+    ///
+    /// # Errors
+    /// As [`SingleScattering::new`].
+    pub(crate) fn at_points(self, lit: LitScene, points: &[(u64, ExitPoint)]) -> Result<Vec<DVec3>> {
+        Ok(self.prepared(lit)?.per_numbered_points(points, &Silent))
+    }
+
     /// Single scattering towards any eye, along the refracted direction.
     ///
     /// # Errors
     /// As [`SingleScattering::new`].
     pub fn towards_eye<'a>(self, lit: LitScene<'a>) -> Result<Box<dyn TowardsEye + 'a>> {
         let of = |light: &Light| match light {
-            Light::Directional { .. } | Light::Point { .. } => self.samples,
+            Light::Directional { .. } | Light::Point { .. } | Light::Spot { .. } => self.samples,
             Light::Constant { .. } | Light::Area { .. } | Light::Environment { .. } => {
                 self.samples.saturating_mul(DIRECTIONS_PER_SAMPLE)
             }

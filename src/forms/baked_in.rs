@@ -22,6 +22,7 @@ use crate::geometry::samples::Samples;
 use crate::light::Light;
 use crate::math::statistics::vertex_error;
 use crate::medium::material::Medium;
+use crate::medium::profile::Orders;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::irradiance::LightSampling;
@@ -68,13 +69,15 @@ pub struct Truth {
     outside: Option<Outside>,
     /// Sections of a calibration, where its kernels are not the dipole's.
     calibration: Vec<RawSection>,
+    /// Orders of scattering of dipoles.
+    orders: Orders,
     made: Option<Box<GatheredEvaluator>>,
 }
 
 impl Truth {
     /// A reference of `samples` samples.
     pub fn new(samples: usize) -> Self {
-        Self { samples, outside: None, calibration: Vec::new(), made: None }
+        Self { samples, outside: None, calibration: Vec::new(), orders: Orders::FromOne, made: None }
     }
 
     /// The reference under some lights.
@@ -84,7 +87,8 @@ impl Truth {
     pub fn lit(&mut self, scene: &Scene, lights: &[Light], progress: &dyn Progress) -> Result<&mut GatheredEvaluator> {
         if self.made.is_none() {
             let asset = sampled(scene, self.samples, self.calibration.clone());
-            let evaluator = GatheredEvaluator::new(asset, gathering(self.samples)).with_model()?;
+            let evaluator =
+                GatheredEvaluator::new(asset, gathering(self.samples)).with_model()?.of_orders(self.orders)?;
             self.made = Some(Box::new(evaluator.with_inter_reflection(self.outside)));
         }
         let Some(made) = &mut self.made else { return Err(Error::runtime("a reference that was just made is gone")) };
@@ -279,6 +283,7 @@ impl<S: Stored + 'static> BakedIn<S> {
         Beside { single, outside, calibration }: Beside,
     ) -> Result<Box<dyn Evaluator>> {
         let (lights, bvh, light) = (Vec::new(), OnceLock::new(), stored.light(&[])?);
+        let orders = if matches!(single, Single::None) { Orders::FromOne } else { Orders::FromTwo };
         Ok(Box::new(Self {
             scene,
             bvh,
@@ -286,7 +291,7 @@ impl<S: Stored + 'static> BakedIn<S> {
             stored,
             lights,
             light,
-            truth: Truth { outside, calibration, ..Truth::new(samples) },
+            truth: Truth { outside, calibration, orders, ..Truth::new(samples) },
             single,
         }))
     }
@@ -390,7 +395,13 @@ impl<S: Stored + 'static> Evaluator for BakedIn<S> {
     }
 
     fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        self.truth.lit(&self.scene, &self.lights, progress)?.all_pairs(progress)
+        let mut values = self.truth.lit(&self.scene, &self.lights, progress)?.all_pairs(progress)?;
+        if let Single::Folded(traced) = self.single {
+            // What the truth has apart.
+            let rays = traced.per_vertex(self.lit_scene(), progress)?.unwrap_or_default();
+            values.iter_mut().zip(rays).for_each(|(value, single)| *value += single);
+        }
+        Ok(values)
     }
 
     #[cfg(feature = "gpu")]

@@ -16,11 +16,13 @@ use crate::geometry::samples::{self, Patch, Samples};
 use crate::geometry::scattered::OrientedPoint;
 use crate::light::Light;
 use crate::light::suns::apart;
+use crate::medium::profile::Orders;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
-use crate::transport::calibration::{Calibrated, CalibratedSamples, Orders, Walks};
+use crate::transport::calibration::{Calibrated, CalibratedSamples, Walks};
 use crate::transport::gather::Gather;
 use crate::transport::irradiance::{Illumination, LightSampling};
+use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::many_lights::{IrradianceRows, ManyLights};
 use crate::transport::receivers::{ProbePoints, Receivers};
 use crate::transport::surface::Surface;
@@ -78,6 +80,8 @@ pub struct SampledScene<'a> {
     pub sampling: LightSampling,
     /// Calibrated kernels in place of the dipole's.
     pub model: Option<CalibratedSamples>,
+    /// Orders of scattering that the kernels hold.
+    orders: Orders,
 }
 
 impl<'a> SampledScene<'a> {
@@ -89,7 +93,8 @@ impl<'a> SampledScene<'a> {
         let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
         let areas = receivers.areas_mm2(&scene.mesh);
         let points = oriented(scene, &receivers);
-        Self { scene, bvh, samples, patches, tree, receivers, areas, points, sampling: SAMPLING, model: None }
+        let (sampling, model, orders) = (SAMPLING, None, Orders::FromOne);
+        Self { scene, bvh, samples, patches, tree, receivers, areas, points, sampling, model, orders }
     }
 
     /// A scene with as many samples as are asked for, or as the asked error needs.
@@ -105,11 +110,12 @@ impl<'a> SampledScene<'a> {
     /// # Errors
     /// As [`Calibrated::by_walks`].
     pub fn with_model(
-        self,
+        mut self,
         settings: &BakeSettings,
         orders: Orders,
         progress: &dyn Progress,
     ) -> Result<(Self, Vec<RawSection>)> {
+        self.orders = orders;
         let Model::Calibrated(walks) = settings.model else { return Ok((self, Vec::new())) };
         let walks = (Walks { orders, ..walks }, settings.kernels.as_slice());
         let (calibrated, sections) = model::bake(self.scene, &self.bvh, walks, progress)?;
@@ -118,7 +124,8 @@ impl<'a> SampledScene<'a> {
 
     /// The same with the kernels of other samples of the same scene.
     #[must_use]
-    pub fn with_model_of(self, other: &Self) -> Self {
+    pub fn with_model_of(mut self, other: &Self) -> Self {
+        self.orders = other.orders;
         match &other.model {
             Some(model) => self.calibrated(Arc::clone(&model.calibrated)),
             None => self,
@@ -197,7 +204,10 @@ impl<'a> SampledScene<'a> {
             Some(CalibratedSamples { calibrated, factors, .. }) => {
                 Gather::calibrated(&surface, &self.tree, (&calibrated.kernels, factors), near)
             }
-            None => Gather::new(&surface, &self.tree, &self.scene.media, near),
+            None => {
+                let kernels = MediumKernel::of_orders(&self.scene.media, self.orders, self.scene.mesh.diagonal_mm());
+                Gather::with_kernels(&surface, &self.tree, kernels, near)
+            }
         };
         work(ManyLights::new(&gather, &self.tree, &self.receivers, &self.areas))
     }

@@ -1,5 +1,6 @@
-//! Light sources: constant, directional, point, area and environment, and the text form that the command line takes.
+//! Light sources: constant, directional, point, spot, area and environment, and the text form that the command line takes.
 
+pub mod cone;
 pub mod cube_light;
 pub mod environment;
 pub mod harmonics;
@@ -15,6 +16,7 @@ mod validate;
 use glam::DVec3;
 
 use crate::error::{Error, Result};
+use cone::{Cone, ConeFalloff};
 use environment::EnvironmentMap;
 use std::sync::Arc;
 
@@ -40,6 +42,15 @@ pub enum Light {
         /// World position in mm.
         at_mm: DVec3,
         /// Intensity in irradiance times mm^2, RGB.
+        intensity: DVec3,
+    },
+    /// A point that shines into a cone: E = intensity * share / d^2 ([`ConeFalloff::at`]), d in mm.
+    Spot {
+        /// World position in mm.
+        at_mm: DVec3,
+        /// Where it shines.
+        cone: Cone,
+        /// Intensity along the axis in irradiance times mm^2, RGB.
         intensity: DVec3,
     },
     /// A one-sided rectangle.
@@ -84,11 +95,18 @@ pub enum LightKind {
     Area,
     /// [`Light::Environment`].
     Environment,
+    /// [`Light::Spot`].
+    Spot,
 }
 
 impl LightKind {
     /// Every kind.
-    pub const ALL: [Self; 5] = [Self::Constant, Self::Directional, Self::Point, Self::Area, Self::Environment];
+    pub const ALL: [Self; 6] =
+        [Self::Constant, Self::Directional, Self::Point, Self::Area, Self::Environment, Self::Spot];
+
+    /// The kinds that stored transport can hold, which `all` asks a bake for. A cone that lights a part of the body alone takes
+    /// transport by places of the surface, which no row over directions and distances has; what is gathered serves it anyway.
+    pub const STORABLE: [Self; 5] = [Self::Constant, Self::Directional, Self::Point, Self::Area, Self::Environment];
 
     /// Its name on the command line.
     pub fn name(self) -> &'static str {
@@ -98,6 +116,7 @@ impl LightKind {
             Self::Point => "point",
             Self::Area => "area",
             Self::Environment => "environment",
+            Self::Spot => "spot",
         }
     }
 }
@@ -109,6 +128,7 @@ impl Light {
             Self::Constant { .. } => LightKind::Constant,
             Self::Directional { .. } => LightKind::Directional,
             Self::Point { .. } => LightKind::Point,
+            Self::Spot { .. } => LightKind::Spot,
             Self::Area { .. } => LightKind::Area,
             Self::Environment { .. } => LightKind::Environment,
         }
@@ -142,6 +162,18 @@ impl Light {
             at_mm: validate::position("at", at_mm)?,
             intensity: validate::amount("intensity", intensity)?,
         })
+    }
+
+    /// A spot light at `at_mm`, whose axis goes through `to_mm`. `angle_degrees` is the full angle of its cone, `blend` the share of
+    /// the half angle, from the edge inwards, over which the light falls to 0; `intensity` (irradiance times mm^2) is that of the axis.
+    ///
+    /// # Errors
+    /// A non-finite position, a target at the light's own place, an angle or a blend out of range, a negative or non-finite
+    /// intensity (exit 3).
+    pub fn spot(at_mm: DVec3, to_mm: DVec3, angle_degrees: f64, blend: f64, intensity: DVec3) -> Result<Self> {
+        let at_mm = validate::position("at", at_mm)?;
+        let cone = Cone::new(at_mm, to_mm, angle_degrees, blend)?;
+        Ok(Self::Spot { at_mm, cone, intensity: validate::amount("intensity", intensity)? })
     }
 
     /// A one-sided rectangle centred at `at_mm`. `u` gives the direction of the first edge and is made perpendicular to
@@ -178,6 +210,20 @@ impl Light {
             other => return Err(Error::input(format!("{} lights have no source radiance field", other.kind().name()))),
         }
         Ok(self)
+    }
+
+    /// Returns whether it comes from one direction or one place at each point, so that its shadows have sharp edges.
+    pub fn is_sharp(&self) -> bool {
+        matches!(self, Self::Directional { .. } | Self::Point { .. } | Self::Spot { .. })
+    }
+
+    /// Place in world mm, intensity and falloff of a light that shines from one place.
+    pub fn from_place(&self) -> Option<(DVec3, DVec3, ConeFalloff)> {
+        match self {
+            Self::Point { at_mm, intensity } => Some((*at_mm, *intensity, ConeFalloff::NONE)),
+            Self::Spot { at_mm, cone, intensity } => Some((*at_mm, *intensity, cone.falloff(*at_mm))),
+            _ => None,
+        }
     }
 
     /// True for an area light that is to go through a source radiance field.

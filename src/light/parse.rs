@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::cone::Cone;
 use super::environment::EnvironmentMap;
 use super::validate::text as vector_text;
 use super::{Light, sky, validate};
@@ -47,7 +48,7 @@ struct Kind {
     example: &'static str,
 }
 
-const KINDS: [Kind; 6] = [
+const KINDS: [Kind; 7] = [
     Kind { name: "constant", required: &["radiance"], optional: &[], example: "constant:radiance=1" },
     Kind {
         name: "directional",
@@ -56,6 +57,12 @@ const KINDS: [Kind; 6] = [
         example: "directional:from=0.3,0.8,0.5:irradiance=3",
     },
     Kind { name: "point", required: &["at", "intensity"], optional: &[], example: "point:at=0,10,30:intensity=900" },
+    Kind {
+        name: "spot",
+        required: &["at", "to", "angle", "intensity"],
+        optional: &["blend"],
+        example: "spot:at=0,40,60:to=0,0,0:angle=30:blend=0.2:intensity=3600",
+    },
     Kind {
         name: "area",
         required: &["at", "normal", "size", "radiance"],
@@ -70,6 +77,9 @@ const KINDS: [Kind; 6] = [
     },
     Kind { name: "sky", required: &[], optional: &["rotate", "scale"], example: "sky:rotate=90" },
 ];
+
+/// Share of a spot's half angle over which it falls to 0 where nothing is said.
+const DEFAULT_BLEND: f64 = 0.15;
 
 impl Kind {
     fn named(name: &str) -> Option<&'static Kind> {
@@ -115,7 +125,7 @@ fn parse_trimmed(text: &str) -> Result<LightSpec> {
     if let Some(kind) = Kind::named(head) {
         return Values::split(kind, rest.unwrap_or(""))?.complete()?.light();
     }
-    let env = &KINDS[4];
+    let env = &KINDS[5];
     let (path, values) = match key_colon(env, text) {
         Some(colon) => (&text[..colon], Values::split(env, &text[colon + 1..])?),
         None => (text, Values { kind: env, values: Vec::new() }),
@@ -133,7 +143,7 @@ fn parse_trimmed(text: &str) -> Result<LightSpec> {
     values.environment(MapSource::File(PathBuf::from(path)))
 }
 
-/// `spot:at=1` is a misspelt light, `C:\maps\sky.hdr` and `a:b.hdr` are paths.
+/// `torch:at=1` is a misspelt light, `C:\maps\sky.hdr` and `a:b.hdr` are paths.
 fn unknown_kind(path: &str) -> Option<&str> {
     let (head, rest) = path.split_once(':')?;
     let word = |s: &str| s.len() > 1 && s.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-');
@@ -251,6 +261,11 @@ impl<'a> Values<'a> {
             "constant" => Light::constant(colour("radiance")?),
             "directional" => Light::directional(vector("from")?, colour("irradiance")?),
             "point" => Light::point(vector("at")?, colour("intensity")?),
+            "spot" => {
+                let [angle] = self.array("angle", "one number")?.ok_or_else(|| self.missing("angle"))?;
+                let [blend] = self.array("blend", "one number")?.unwrap_or([DEFAULT_BLEND]);
+                Light::spot(vector("at")?, vector("to")?, angle, blend, colour("intensity")?)
+            }
             "area" => {
                 let size = self.array("size", "two lengths in mm")?.ok_or_else(|| self.missing("size"))?;
                 let light = Light::area(vector("at")?, vector("normal")?, size, colour("radiance")?, self.vector("u")?);
@@ -324,6 +339,10 @@ impl fmt::Display for Light {
             }
             Self::Point { at_mm, intensity } => {
                 write!(f, "point:at={}:intensity={}", vector_text(*at_mm), colour_text(*intensity))
+            }
+            Self::Spot { at_mm, cone: Cone { to_mm, angle_degrees, blend }, intensity } => {
+                let (at, to, intensity) = (vector_text(*at_mm), vector_text(*to_mm), colour_text(*intensity));
+                write!(f, "spot:at={at}:to={to}:angle={angle_degrees}:blend={blend}:intensity={intensity}")
             }
             Self::Area { at_mm, normal, u, size_mm: [a, b], radiance, field } => {
                 write!(

@@ -1,5 +1,5 @@
-//! Point and area lights at places where irradiance is not what a surface and its samples can tell: inside a body, on its
-//! surface, or nearer to it than the samples lie apart.
+//! Point, spot and area lights at places where irradiance is not what a surface and its samples can tell: inside a body, on its
+//! surface, or nearer to it than the samples lie apart; and those that shine past it.
 
 use std::f64::consts::TAU;
 
@@ -7,6 +7,7 @@ use glam::DVec3;
 
 use crate::geometry::nearest::NearestPoint;
 use crate::light::Light;
+use crate::light::cone::Lit;
 use crate::scene::Scene;
 
 /// Share of the full sphere of directions that a surface must fill, seen from a place, for the place to be inside.
@@ -18,6 +19,8 @@ const ON_SURFACE: f64 = 1e-6;
 /// What is doubtful about the place of a light, the worst first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Doubt {
+    /// It shines past the scene.
+    Misses,
     /// Within a closed part: light that starts there is not modelled.
     Inside,
     /// On the surface: the surface there sees it edge-on and gets nothing, and half of its light from a little farther out.
@@ -35,9 +38,9 @@ pub struct DoubtfulLight {
     pub doubt: Doubt,
     /// The place, in world mm: the point, or the centre or a corner of an area.
     pub at_mm: DVec3,
-    /// Name of the part that the light is in, on or near.
+    /// Name of the part that the light is in, on or near; of a light that misses, empty.
     pub part: String,
-    /// The nearest point of a surface that light enters, in world mm.
+    /// The nearest point of a surface that light enters, in world mm; of a light that misses, the centre of the scene.
     pub nearest_mm: DVec3,
     /// Distance from there, mm.
     pub distance_mm: f64,
@@ -59,6 +62,9 @@ pub fn doubtful(scene: &Scene, lights: &[Light], samples: usize) -> Vec<Doubtful
     let area: f64 = scene.parts.parts.iter().filter(|part| part.transfers()).map(|part| part.area_mm2).sum();
     let spacing_mm = if samples > 0 { (area / samples as f64).sqrt() } else { 0.0 };
     let of_light = |(index, light): (usize, &Light)| {
+        if let Some(found) = misses(scene, (index, light), spacing_mm) {
+            return Some(found);
+        }
         let found = places(light).into_iter().filter_map(|at| doubt_at(scene, &surface, (index, at), spacing_mm));
         found.min_by_key(|found| found.doubt)
     };
@@ -68,13 +74,31 @@ pub fn doubtful(scene: &Scene, lights: &[Light], samples: usize) -> Vec<Doubtful
 /// The places of a light at a distance, world mm: the point, or the centre and the corners of an area.
 fn places(light: &Light) -> Vec<DVec3> {
     match light {
-        Light::Point { at_mm, .. } => vec![*at_mm],
+        Light::Point { at_mm, .. } | Light::Spot { at_mm, .. } => vec![*at_mm],
         Light::Area { at_mm, normal, u, size_mm, .. } => {
             let (u, v) = (0.5 * size_mm[0] * *u, 0.5 * size_mm[1] * normal.cross(*u));
             vec![*at_mm, *at_mm + u + v, *at_mm + u - v, *at_mm - u + v, *at_mm - u - v]
         }
         Light::Constant { .. } | Light::Directional { .. } | Light::Environment { .. } => Vec::new(),
     }
+}
+
+/// A spot or an area light whose light falls beside the ball around the scene.
+fn misses(scene: &Scene, (light, of): (usize, &Light), spacing_mm: f64) -> Option<DoubtfulLight> {
+    let [low, high] = scene.mesh.bounds_local_mm();
+    let (centre_mm, radius_mm) = (scene.mesh.origin_mm + 0.5 * (low + high), 0.5 * (high - low).length());
+    let (at_mm, is_past) = match of {
+        Light::Spot { at_mm, cone, .. } => {
+            (*at_mm, cone.falloff(*at_mm).lights_ball(*at_mm, centre_mm, radius_mm) == Lit::Not)
+        }
+        Light::Area { at_mm, normal, .. } => (*at_mm, (centre_mm - *at_mm).dot(*normal) <= -radius_mm),
+        Light::Constant { .. } | Light::Directional { .. } | Light::Point { .. } | Light::Environment { .. } => {
+            return None;
+        }
+    };
+    let distance_mm = at_mm.distance(centre_mm);
+    let (part, nearest_mm, doubt) = (String::new(), centre_mm, Doubt::Misses);
+    is_past.then_some(DoubtfulLight { light, doubt, at_mm, part, nearest_mm, distance_mm, spacing_mm })
 }
 
 fn doubt_at(
@@ -167,6 +191,19 @@ mod tests {
             assert_eq!(told(&scene, clear, samples), None, "{clear}");
         }
         assert_eq!(told(&scene, corner + 0.01 * outwards, 0), None, "no samples, no spacing");
+    }
+
+    #[test]
+    fn light_that_falls_beside_the_scene_is_named_with_its_centre() {
+        let scene = scene(compose(&[(icosphere(10.0, 3), 50.0 * DVec3::X)]));
+        let told = |light: Light| doubtful(&scene, &[light], 1000).pop().map(|found| (found.doubt, found.nearest_mm));
+        let spot = |to: DVec3| Light::spot(50.0 * DVec3::Y, to, 10.0, 0.0, DVec3::ONE).unwrap();
+        let (doubt, centre) = told(spot(DVec3::ZERO)).unwrap();
+        assert!(doubt == Doubt::Misses && (centre - 50.0 * DVec3::X).length() < 0.2, "{centre}");
+        assert_eq!(told(spot(45.0 * DVec3::X)), None);
+        let area = |normal: DVec3| Light::area(50.0 * DVec3::Y, normal, [2.0, 2.0], DVec3::ONE, None).unwrap();
+        assert_eq!(told(area(DVec3::Y)).map(|told| told.0), Some(Doubt::Misses));
+        assert_eq!(told(area(DVec3::NEG_Y)), None);
     }
 
     #[test]

@@ -210,6 +210,51 @@ impl Dipole {
     }
 }
 
+/// The dipole without the light that scatters once, which single scattering stands for.
+///
+/// At a fixed extinction a profile is a series in the albedo whose n-th term is the light of n events. The first is the albedo times the
+/// dipole's limit for small ones, where `sigma_tr = sqrt(3) sigma_t'`; this is the rest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LaterDipole {
+    /// The sources of the dipole, and those of its first term, of negative weight.
+    poles: [Pole; 4],
+}
+
+impl Dipole {
+    /// The same without light that scatters once.
+    pub fn after_first(&self) -> LaterDipole {
+        let [real, image] = self.poles();
+        let sigma_per_mm = 3.0_f64.sqrt() / self.z_real_mm;
+        let first = |pole: Pole| Pole { weight: -pole.weight, sigma_per_mm, ..pole };
+        LaterDipole { poles: [real, image, first(real), first(image)] }
+    }
+}
+
+impl Profile for LaterDipole {
+    fn reflectance(&self, r_mm: f64) -> f64 {
+        // Of equal terms rounding is left, which may be negative.
+        self.poles.iter().map(|pole| pole.reflectance(r_mm)).sum::<f64>().max(0.0)
+    }
+
+    fn tail(&self, r_mm: f64) -> f64 {
+        self.poles.iter().map(|pole| pole.tail(r_mm)).sum::<f64>().max(0.0)
+    }
+
+    fn disc(&self, r_mm: f64) -> f64 {
+        TAU * self.poles.iter().map(|pole| pole.near(r_mm)).sum::<f64>().max(0.0)
+    }
+
+    fn triangle(&self, receiver_mm: DVec3, corners_mm: [DVec3; 3]) -> f64 {
+        planar::triangle(&self.poles, receiver_mm, corners_mm)
+    }
+
+    fn expansion(&self, s_mm2: f64) -> [f64; 3] {
+        let sum = self.poles.iter().map(|pole| pole.derivatives(s_mm2));
+        let [value, first, second] = sum.fold([0.0; 3], |sum, of| std::array::from_fn(|k| sum[k] + of[k]));
+        [value.max(0.0), first, 0.5 * second]
+    }
+}
+
 impl Profile for Dipole {
     fn reflectance(&self, r_mm: f64) -> f64 {
         self.poles().iter().map(|pole| pole.reflectance(r_mm)).sum()

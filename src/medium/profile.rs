@@ -11,6 +11,16 @@ const STEP: f64 = 0.02;
 /// Largest derivatives over the value at a, since derivatives of measured profiles are noisy.
 const HIGHEST: [f64; 2] = [100.0, 1e4];
 
+/// The orders of scattering that a kernel holds. Light that passes without scattering, order 0, is in none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub enum Orders {
+    /// One event and more.
+    FromOne,
+    /// Two events and more, where the first has a stage of its own.
+    FromTwo,
+}
+
 /// A radial diffuse reflectance profile R_d(r) of one channel, r in mm, R_d in 1/mm^2.
 ///
 /// Everything about a radial profile on planar pieces follows from its tail integral

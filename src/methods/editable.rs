@@ -1,7 +1,7 @@
 //! `editable`: the material is chosen at evaluation (Wang et al. 2008): sums over samples at run time, or stored
 //! transport of a basis of R_d.
 
-use super::keys;
+use super::keys::{self, SINGLE, SINGLE_CROSSINGS, SINGLE_FORM};
 use crate::error::Result;
 use crate::evaluate::keys::{Auto, Domain, Key, Keys, Number, OneOf, PowerOfTwo, Share};
 use crate::evaluate::{About, AnyForm, BakeSettings, Method};
@@ -111,6 +111,7 @@ const TRUNCATION: Key<Auto<Share>> = Key::new(
 )
 .expert();
 
+const SINGLE_SAMPLES: Key<Number<u32>> = keys::single_samples("32");
 const POINTS: Key<PowerOfTwo> = keys::points("4");
 const DIRECTIONS: Key<Number<u32>> = keys::directions("256");
 const AREA_SIDE: Key<Number<u32>> = keys::area_side("8");
@@ -141,6 +142,7 @@ impl Method for Editable {
                 light, material, profile and size. With transport=stored a new light or material takes milliseconds.",
             keys: &[
                 &TRANSPORT,
+                &SINGLE,
                 &TERMS,
                 &CUBE,
                 &COEFFICIENTS,
@@ -152,6 +154,9 @@ impl Method for Editable {
                 &POINTS,
                 &DIRECTIONS,
                 &AREA_SIDE,
+                &SINGLE_SAMPLES,
+                &SINGLE_FORM,
+                &SINGLE_CROSSINGS,
             ],
             default_max_rms: 0.01,
             declared_error: None,
@@ -188,7 +193,7 @@ impl Method for Editable {
                 group: GROUP,
                 nets: Some(NETS * max_rms),
                 environment,
-                single: None,
+                single: keys::traced(keys, &SINGLE_SAMPLES)?,
                 outside: None,
             }));
         }

@@ -3,6 +3,7 @@
 use crate::error::Result;
 use crate::evaluate::inter_reflection::{MOST_TIMES, Outside};
 use crate::evaluate::keys::{Domain, Key, Keys, Number, OneOf, PowerOfTwo};
+use crate::evaluate::single_scattering::{MOST_SAMPLES, Scattering, Traced};
 use crate::forms::distant::Integrand;
 use crate::transport::interreflection::{LEAST_RAYS, MOST_RAYS};
 use crate::transport::irradiance::LightSampling;
@@ -83,6 +84,34 @@ pub(super) fn outside(keys: &Keys, rays: &Key<PowerOfTwo>) -> Result<Option<Outs
         0 => Ok(None),
         times => Ok(Some(Outside { times, rays: keys.get(rays)? })),
     }
+}
+
+/// Key for single scattering by rays at run time.
+pub(super) const SINGLE: Key<OneOf<Option<Scattering>>> = Key::new(
+    "single-scattering",
+    "off",
+    OneOf(&[("off", None), ("isotropic", Some(Scattering::Isotropic)), ("phase", Some(Scattering::OfMedium))]),
+    "light that scatters once, by rays at run time, apart from the radiosity, which has the later orders then; isotropic: with reduced \
+     coefficients, for each vertex along the inverse normal and in pictures along the refracted direction; phase: by the medium's g, \
+     in pictures alone unless g = 0",
+);
+
+/// Key for its places inside.
+pub(super) const fn single_samples(default: &'static str) -> Key<Number<u32>> {
+    let help = "places inside where light is scattered once, for each vertex or pixel and each directional or point light; other lights \
+                take 16 times as many";
+    Key::new("single-samples", default, Number(1, MOST_SAMPLES), help).expert()
+}
+
+/// The single scattering that [`SINGLE`] chooses.
+pub(super) fn traced(keys: &Keys, samples: &Key<Number<u32>>) -> Result<Option<Traced>> {
+    keys.get(&SINGLE)?.map(|scattering| traced_as(keys, samples, scattering)).transpose()
+}
+
+/// Single scattering by rays.
+pub(super) fn traced_as(keys: &Keys, samples: &Key<Number<u32>>, scattering: Scattering) -> Result<Traced> {
+    let Integrand { form, crossings } = integrand(keys)?;
+    Ok(Traced { scattering, samples: keys.get(samples)?, form, crossings })
 }
 
 /// Key for the form of equation (4) of Wang, Tran and Luebke 2005.

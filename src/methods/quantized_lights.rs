@@ -1,12 +1,15 @@
 //! `quantized_lights`: radiosity under a quantised set of lights, precomputed; any light is interpolated from the set
 //! (Hao & Varshney 2004). A program of its own, `examples/papers`, stores exactly the paper's data.
 
+use super::keys::{self, SINGLE_CROSSINGS, SINGLE_FORM};
 use crate::error::Result;
 use crate::evaluate::keys::{Auto, Key, Keys, Number, OneOf};
+use crate::evaluate::single_scattering::Scattering;
 use crate::evaluate::{About, AnyForm, BakeSettings, Method};
 use crate::forms::density::Density;
 use crate::forms::projected::lights::{LightSetSettings, MOST_DIRECTIONS, MOST_SHELLS, QuantisedLights};
 use crate::forms::projected::references::Spacing;
+use crate::forms::single_scattering::FirstOrder;
 use crate::light::LightKind;
 use crate::light::quantised::distances::Blend;
 use crate::light::quantised::interpolation::Scheme;
@@ -84,6 +87,30 @@ pub const BLEND: Key<OneOf<Blend>> = Key::new(
 )
 .expert();
 
+/// Choice of single scattering.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Scattered {
+    Off,
+    Folded,
+    Isotropic,
+    Phase,
+}
+
+const SINGLE: Key<OneOf<Scattered>> = Key::new(
+    "single-scattering",
+    "off",
+    OneOf(&[
+        ("off", Scattered::Off),
+        ("folded", Scattered::Folded),
+        ("isotropic", Scattered::Isotropic),
+        ("phase", Scattered::Phase),
+    ]),
+    "light that scatters once, whose orders the stored radiosity has not then; folded: isotropic, baked into the radiosity, which costs \
+     nothing at run time; isotropic: by rays at run time, for each vertex; phase: by rays at run time, by the medium's g, towards the eye",
+);
+
+const SINGLE_SAMPLES: Key<Number<u32>> = keys::single_samples("32");
+
 impl Method for QuantizedLights {
     fn about(&self) -> About {
         About {
@@ -92,7 +119,19 @@ impl Method for QuantizedLights {
                 Varshney 2004)",
             choose_when: "Light moves in every frame and the material stays: a new light of any kind takes a \
                 millisecond, also on a GPU.",
-            keys: &[&LIGHTS, &SHELLS, &NEAREST, &SPACING, &REFERENCES, &INTERPOLATION, &BLEND],
+            keys: &[
+                &LIGHTS,
+                &SHELLS,
+                &NEAREST,
+                &SINGLE,
+                &SPACING,
+                &REFERENCES,
+                &INTERPOLATION,
+                &BLEND,
+                &SINGLE_SAMPLES,
+                &SINGLE_FORM,
+                &SINGLE_CROSSINGS,
+            ],
             default_max_rms: 0.02,
             declared_error: None,
             ladder: &[
@@ -115,7 +154,14 @@ impl Method for QuantizedLights {
     fn form(&self, keys: &Keys, settings: &BakeSettings) -> Result<Box<dyn AnyForm>> {
         let lights = light_set(keys, settings, keys.get(&INTERPOLATION)?)?;
         let spacing = Spacing { mm: keys.get(&SPACING)?, references: keys.get(&REFERENCES)? };
-        Ok(Box::new(QuantisedLights { density: density(settings), lights, spacing }))
+        let by_rays = |scattering| keys::traced_as(keys, &SINGLE_SAMPLES, scattering);
+        let single = match keys.get(&SINGLE)? {
+            Scattered::Off => FirstOrder::InKernel,
+            Scattered::Folded => FirstOrder::Folded(by_rays(Scattering::Isotropic)?),
+            Scattered::Isotropic => FirstOrder::AtRunTime(by_rays(Scattering::Isotropic)?),
+            Scattered::Phase => FirstOrder::AtRunTime(by_rays(Scattering::OfMedium)?),
+        };
+        Ok(Box::new(QuantisedLights { density: density(settings), lights, spacing, single }))
     }
 }
 

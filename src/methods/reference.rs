@@ -1,10 +1,9 @@
 //! `reference`: the brute-force truth. All pairs of samples and vertices, the near field integrated exactly, many rays;
 //! its own error is measured and printed.
 
-use super::keys::{self, INTER_REFLECTION, SINGLE_CROSSINGS, SINGLE_FORM};
+use super::keys::{self, INTER_REFLECTION, SINGLE, SINGLE_CROSSINGS, SINGLE_FORM};
 use crate::error::Result;
-use crate::evaluate::keys::{Key, Keys, Number, OneOf, PowerOfTwo};
-use crate::evaluate::single_scattering::{MOST_SAMPLES, Scattering, Traced};
+use crate::evaluate::keys::{Key, Keys, Number, PowerOfTwo};
 use crate::evaluate::{About, AnyForm, BakeSettings, Method};
 use crate::forms::density::Density;
 use crate::forms::gathered::{Far, Gathered};
@@ -19,23 +18,7 @@ const DENSITY: Density = Density { spacing: 0.2, least: 1 << 17, most: 1 << 19 }
 /// Receivers of a block: wide, because the kernels are faster on long rows and every sample is seen anyway.
 const GROUP: u32 = 64;
 
-const SINGLE: Key<OneOf<Option<Scattering>>> = Key::new(
-    "single-scattering",
-    "off",
-    OneOf(&[("off", None), ("isotropic", Some(Scattering::Isotropic)), ("phase", Some(Scattering::OfMedium))]),
-    "isotropic: with reduced coefficients, for each vertex along the inverse normal and in pictures along the refracted direction; \
-     phase: by the medium's g, in pictures alone unless g = 0",
-);
-
-const SINGLE_SAMPLES: Key<Number<u32>> = Key::new(
-    "single-samples",
-    "128",
-    Number(1, MOST_SAMPLES),
-    "places inside where light is scattered once, for each vertex or pixel and each directional or point light; other lights take \
-     16 times as many",
-)
-.expert();
-
+const SINGLE_SAMPLES: Key<Number<u32>> = keys::single_samples("128");
 const POINTS: Key<PowerOfTwo> = keys::points("16");
 const DIRECTIONS: Key<Number<u32>> = keys::directions("512");
 const AREA_SIDE: Key<Number<u32>> = keys::area_side("16");
@@ -65,13 +48,7 @@ impl Method for Reference {
     }
 
     fn form(&self, keys: &Keys, _: &BakeSettings) -> Result<Box<dyn AnyForm>> {
-        let single = match keys.get(&SINGLE)? {
-            None => None,
-            Some(scattering) => {
-                let of = keys::integrand(keys)?;
-                Some(Traced { scattering, samples: keys.get(&SINGLE_SAMPLES)?, form: of.form, crossings: of.crossings })
-            }
-        };
+        let single = keys::traced(keys, &SINGLE_SAMPLES)?;
         Ok(Box::new(Gathered {
             density: DENSITY,
             sampling: keys::light_sampling(keys, (&POINTS, &DIRECTIONS, &AREA_SIDE))?,

@@ -1,6 +1,6 @@
 //! `two_pass`: irradiance at surface samples, then R_d summed through a tree (Jensen & Buhler 2002).
 
-use super::keys::{self, INTER_REFLECTION};
+use super::keys::{self, INTER_REFLECTION, SINGLE, SINGLE_CROSSINGS, SINGLE_FORM};
 use crate::error::Result;
 use crate::evaluate::keys::{Auto, Key, Keys, Number, OneOf, PowerOfTwo, Share};
 use crate::evaluate::{About, AnyForm, BakeSettings, Method};
@@ -34,6 +34,7 @@ const BOUND: Key<OneOf<Bound>> = Key::new(
 )
 .expert();
 
+const SINGLE_SAMPLES: Key<Number<u32>> = keys::single_samples("32");
 const POINTS: Key<PowerOfTwo> = keys::points("4");
 const DIRECTIONS: Key<Number<u32>> = keys::directions("256");
 const AREA_SIDE: Key<Number<u32>> = keys::area_side("8");
@@ -46,7 +47,19 @@ impl Method for TwoPass {
             summary: "surface samples only; shadows and hierarchical transfer for each light (Jensen & Buhler 2002)",
             choose_when: "Nothing should be precomputed but samples, and a second or so for each new light is fast \
                 enough.",
-            keys: &[&INTER_REFLECTION, &ERROR, &BOUND, &POINTS, &DIRECTIONS, &AREA_SIDE, &RAYS],
+            keys: &[
+                &SINGLE,
+                &INTER_REFLECTION,
+                &ERROR,
+                &BOUND,
+                &POINTS,
+                &DIRECTIONS,
+                &AREA_SIDE,
+                &SINGLE_SAMPLES,
+                &SINGLE_FORM,
+                &SINGLE_CROSSINGS,
+                &RAYS,
+            ],
             default_max_rms: 0.005,
             declared_error: None,
             ladder: &[
@@ -77,7 +90,7 @@ impl Method for TwoPass {
             group: GROUP,
             nets: None,
             environment: None,
-            single: None,
+            single: keys::traced(keys, &SINGLE_SAMPLES)?,
             outside: keys::outside(keys, &RAYS)?,
         }))
     }

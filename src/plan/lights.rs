@@ -59,6 +59,14 @@ pub(super) fn lights(scene: &Scene, kinds: &BTreeSet<LightKind>, purpose: Purpos
                     result.push(Light::Point { at_mm, intensity: DVec3::splat(distance * distance) });
                 }
             }
+            LightKind::Spot => {
+                // One that lights a part of the body from the side, one whose edge grazes it.
+                for (from, distance, angle, off) in [(odd, 2.2, 16.0, 0.3), (below, 3.1, 30.0, 0.6)] {
+                    let at_mm = mesh.origin_mm + distance * radius * from;
+                    let to_mm = mesh.origin_mm + off * radius * side * from.any_orthonormal_vector();
+                    result.push(Light::spot(at_mm, to_mm, angle, 0.15, DVec3::splat((distance * radius).powi(2)))?);
+                }
+            }
             LightKind::Area => {
                 let from = (odd + 0.5 * behind).normalize();
                 let (at_mm, size) = (mesh.origin_mm + 2.2 * radius * from, 0.8 * radius);

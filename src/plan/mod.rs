@@ -219,7 +219,7 @@ fn conclude(plan: &mut Plan, choice: &Choice, sampling: &mut Sampling, scene: &S
     if chosen.by_rays {
         plan.dropped.push("irradiance of environments for each sample: rays bring it in the time allowed".to_owned());
     }
-    let unused = crate::light::LightKind::ALL.iter().filter(|kind| !plan.request.for_lights.contains(kind));
+    let unused = crate::light::LightKind::STORABLE.iter().filter(|kind| !plan.request.for_lights.contains(kind));
     let unused: Vec<&str> = unused.map(|kind| kind.name()).collect();
     if !unused.is_empty() {
         plan.dropped.push(format!("errors and data of light that was not asked for: {}", unused.join(", ")));

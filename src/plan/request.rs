@@ -128,7 +128,7 @@ impl Request {
 
     /// Names of the kinds of light.
     pub(super) fn kinds(&self) -> String {
-        let all = LightKind::ALL.len() == self.for_lights.len();
+        let all = LightKind::STORABLE.iter().all(|kind| self.for_lights.contains(kind));
         let names: Vec<&str> = self.for_lights.iter().map(|kind| kind.name()).collect();
         if all { "all kinds of light".to_owned() } else { format!("light of the kinds {}", names.join(", ")) }
     }

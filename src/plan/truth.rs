@@ -62,7 +62,7 @@ fn under_soft_light(scene: &Scene, samples: usize) -> (usize, LightSampling) {
 
 /// Rays of a kind of light that are as few as scattering forgives.
 fn is_soft(light: &Light) -> bool {
-    !matches!(light.kind(), LightKind::Directional | LightKind::Point)
+    !light.is_sharp()
 }
 
 /// Number of samples of the truth that judges that many samples, for an error that is asked for.
@@ -301,7 +301,8 @@ impl<'a> Sampling<'a> {
         (truth, samples): (Truth, usize),
         kinds: &BTreeSet<LightKind>,
     ) -> Self {
-        let soft_is_asked = kinds.iter().any(|kind| !matches!(kind, LightKind::Directional | LightKind::Point));
+        let soft_is_asked =
+            kinds.iter().any(|kind| !matches!(kind, LightKind::Directional | LightKind::Point | LightKind::Spot));
         Self {
             soft_is_asked,
             scene,

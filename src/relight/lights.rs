@@ -34,6 +34,10 @@ fn rotate(light: &mut Light, pivot_mm: DVec3, turn: impl Fn(DVec3) -> DVec3, dir
         Light::Constant { .. } | Light::Environment { .. } => {}
         Light::Directional { from, .. } => *from = direction(*from),
         Light::Point { at_mm, .. } => *at_mm = pivot_mm + turn(*at_mm - pivot_mm),
+        Light::Spot { at_mm, cone, .. } => {
+            *at_mm = pivot_mm + turn(*at_mm - pivot_mm);
+            cone.to_mm = pivot_mm + turn(cone.to_mm - pivot_mm);
+        }
         Light::Area { at_mm, normal, u, .. } => {
             *at_mm = pivot_mm + turn(*at_mm - pivot_mm);
             (*normal, *u) = (direction(*normal), direction(*u));
@@ -74,7 +78,7 @@ impl AdjustedLight {
         let (azimuth_degrees, elevation_degrees) = match &base {
             Light::Environment { rotate_degrees, .. } => (*rotate_degrees, None),
             Light::Constant { .. } => (0.0, None),
-            Light::Directional { .. } | Light::Point { .. } | Light::Area { .. } => {
+            Light::Directional { .. } | Light::Point { .. } | Light::Spot { .. } | Light::Area { .. } => {
                 let (azimuth, elevation) = angles_degrees(base_direction(&base, pivot_mm));
                 (azimuth, Some(elevation))
             }
@@ -117,7 +121,7 @@ impl AdjustedLight {
 fn base_direction(light: &Light, pivot_mm: DVec3) -> DVec3 {
     match light {
         Light::Directional { from, .. } => *from,
-        Light::Point { at_mm, .. } | Light::Area { at_mm, .. } => *at_mm - pivot_mm,
+        Light::Point { at_mm, .. } | Light::Spot { at_mm, .. } | Light::Area { at_mm, .. } => *at_mm - pivot_mm,
         Light::Constant { .. } | Light::Environment { .. } => DVec3::Z,
     }
 }
@@ -126,7 +130,7 @@ fn scale(light: &mut Light, factor: f64) {
     let colour = match light {
         Light::Constant { radiance } | Light::Area { radiance, .. } => radiance,
         Light::Directional { irradiance, .. } => irradiance,
-        Light::Point { intensity, .. } => intensity,
+        Light::Point { intensity, .. } | Light::Spot { intensity, .. } => intensity,
         Light::Environment { scale, .. } => scale,
     };
     // A light at the end of the range of its numbers stays there.
@@ -171,6 +175,7 @@ mod tests {
             Light::Constant { .. } => vec![],
             Light::Directional { from, .. } => vec![*from],
             Light::Point { at_mm, .. } => vec![*at_mm],
+            Light::Spot { at_mm, cone, .. } => vec![*at_mm, cone.to_mm],
             Light::Area { at_mm, normal, u, .. } => vec![*at_mm, *normal, *u],
             Light::Environment { rotate_degrees, .. } => vec![DVec3::splat(*rotate_degrees)],
         }

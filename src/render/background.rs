@@ -83,7 +83,7 @@ impl<'a> Backdrop<'a> {
                         Light::Environment { map, rotate_degrees, scale } => {
                             backdrop.maps.push((map, Rotation::from_degrees(*rotate_degrees), *scale));
                         }
-                        Light::Directional { .. } | Light::Point { .. } | Light::Area { .. } => {}
+                        Light::Directional { .. } | Light::Point { .. } | Light::Spot { .. } | Light::Area { .. } => {}
                     }
                 }
             }

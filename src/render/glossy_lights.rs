@@ -12,6 +12,7 @@ use super::highlight::Highlight;
 use super::specular::{Reflected, terminator};
 use crate::geometry::bvh::{Bvh, Ray, offset_origin};
 use crate::light::Light;
+use crate::light::cone::ConeFalloff;
 use crate::light::environment::Rotation;
 use crate::math::spherical_rectangle::SphericalRectangle;
 
@@ -118,10 +119,15 @@ impl ShadowRays {
     }
 }
 
+/// Light from one direction, or from one place relative to the mesh's origin.
+enum Sharp {
+    Direction { from: DVec3, irradiance: DVec3 },
+    Place { at: DVec3, intensity: DVec3, falloff: ConeFalloff },
+}
+
 /// Lights prepared for specular reflection.
 pub(super) struct GlossyLights {
-    /// Directional and point lights, relative to the mesh's origin.
-    sharp: Vec<Light>,
+    sharp: Vec<Sharp>,
     rectangles: Vec<Rectangle>,
     constant: DVec3,
     maps: Vec<(GlossyMap, Rotation, DVec3)>,
@@ -142,9 +148,10 @@ impl GlossyLights {
         for light in lights {
             match light {
                 Light::Constant { radiance } => all.constant += *radiance,
-                Light::Directional { .. } => all.sharp.push(light.clone()),
-                &Light::Point { at_mm, intensity } => {
-                    all.sharp.push(Light::Point { at_mm: at_mm - origin_mm, intensity });
+                &Light::Directional { from, irradiance } => all.sharp.push(Sharp::Direction { from, irradiance }),
+                Light::Point { .. } | Light::Spot { .. } => {
+                    let of = |(at_mm, intensity, falloff)| Sharp::Place { at: at_mm - origin_mm, intensity, falloff };
+                    all.sharp.extend(light.from_place().map(of));
                 }
                 Light::Area { at_mm, normal, u, size_mm, radiance, .. } => {
                     let edges = [*u, normal.cross(*u)];
@@ -170,13 +177,13 @@ impl GlossyLights {
         for light in &self.sharp {
             for (index, place) in places.iter().enumerate() {
                 let (to_light, distance, irradiance) = match light {
-                    Light::Directional { from, irradiance } => (*from, f64::INFINITY, *irradiance),
-                    Light::Point { at_mm, intensity } => {
-                        let offset = *at_mm - place.point;
+                    Sharp::Direction { from, irradiance } => (*from, f64::INFINITY, *irradiance),
+                    Sharp::Place { at, intensity, falloff } => {
+                        let offset = *at - place.point;
                         let distance = offset.length();
-                        (offset / distance, distance, *intensity / (distance * distance))
+                        let to_light = offset / distance;
+                        (to_light, distance, *intensity * (falloff.at(to_light) / (distance * distance)))
                     }
-                    Light::Constant { .. } | Light::Area { .. } | Light::Environment { .. } => continue,
                 };
                 // A light in the surface itself has no direction.
                 let gain = if distance > 0.0 { place.response(to_light) * irradiance } else { DVec3::ZERO };

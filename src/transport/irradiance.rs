@@ -12,7 +12,7 @@ use std::ops::RangeInclusive;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use self::sharp::{Sharp, pieces};
+use self::sharp::{Focus, Sharp, pieces};
 use super::prepared_light::{Prepared, Rectangle, Stratum};
 use super::surface::Surface;
 use crate::error::{Error, Result};
@@ -218,15 +218,15 @@ impl<'a> Illumination<'a> {
         for light in &mut sharp {
             light.trace(self.surface.bvh);
         }
-        // Where a shadow boundary crosses a patch or a light is near to it, more rays tell more; for each light on its own, so that
+        // Where a shadow boundary or the edge of a cone crosses a patch or a light is near to it, more rays tell more; for each light on its own, so that
         // lights add up.
         let mut fine: Vec<Sharp> = self.lights.iter().filter_map(|light| Sharp::new(light, 0)).collect();
         let patches = &self.surface.patches[first..first + out.len()];
-        let near: Vec<Vec<Option<DVec3>>> =
-            sharp.iter().map(|light| patches.iter().map(|patch| light.near(patch)).collect()).collect();
+        let close: Vec<Vec<Option<Focus>>> =
+            sharp.iter().map(|light| patches.iter().map(|patch| light.focus(patch)).collect()).collect();
         let mut crossed: Vec<Vec<bool>> = sharp.iter().map(|light| light.crossed(out.len())).collect();
-        for (crossed, near) in crossed.iter_mut().zip(&near) {
-            crossed.iter_mut().zip(near).for_each(|(crossed, near)| *crossed |= near.is_some());
+        for (crossed, close) in crossed.iter_mut().zip(&close) {
+            crossed.iter_mut().zip(close).for_each(|(crossed, close)| *crossed |= close.is_some());
         }
         let single = |i: usize| self.surface.samples.patch(first + i).len() == 1;
         let crossed = |light: usize, i: usize| crossed[light][i] && single(i);
@@ -239,10 +239,10 @@ impl<'a> Illumination<'a> {
             let share = 1.0 / points.len() as f64;
             let eta = self.entrance[medium].0;
             for (index, light) in fine.iter_mut().enumerate().filter(|(light, _)| crossed(*light, i)) {
-                match near[index][i] {
+                match close[index][i] {
                     None => light.collect(i, eta, &points, |point| (point, share)),
-                    Some(from) => {
-                        let (points, of) = self.graded_points(first + i, self.sampling.pieces_of_uneven(), from);
+                    Some(focus) => {
+                        let (points, of) = self.graded_points(first + i, self.sampling.pieces_of_uneven(), focus);
                         light.collect(i, eta, &points, |point| of[point]);
                     }
                 }

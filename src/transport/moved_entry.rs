@@ -309,7 +309,7 @@ impl MovedEntry {
             return of_others(lights);
         }
         // The suns of environments come from one direction too.
-        let (moving, others): (Vec<Light>, Vec<Light>) = apart(lights, |_| true).into_iter().partition(moves);
+        let (moving, others): (Vec<Light>, Vec<Light>) = apart(lights, |_| true).into_iter().partition(Light::is_sharp);
         let (mut irradiance, pieces) = match others.as_slice() {
             [] => (vec![DVec3::ZERO; surface.samples.len()], Pieces::NONE),
             others => of_others(others)?,
@@ -338,7 +338,7 @@ impl MovedEntry {
 
     /// Moves the irradiance of one light, RGB for each sample. Light of many directions at once stays, as diffuse entry does.
     pub fn moved(&self, surface: &Surface, light: &Light, irradiance: &[DVec3]) -> Vec<DVec3> {
-        if !moves(light) || self.is_still() {
+        if !light.is_sharp() || self.is_still() {
             return irradiance.to_vec();
         }
         let values: Vec<[f64; 3]> = irradiance.iter().map(|e| e.to_array()).collect();
@@ -358,7 +358,7 @@ impl MovedEntry {
             ways.moved_by(surface, light, &values, |steps, k| [steps.shares[k].element_sum() / 3.0])
         };
         let moving: Vec<(usize, &Light)> =
-            lights.iter().enumerate().take(count).filter(|(_, light)| moves(light)).collect();
+            lights.iter().enumerate().take(count).filter(|(_, light)| light.is_sharp()).collect();
         for some in moving.chunks(AT_ONCE) {
             let columns: Vec<Vec<[f64; 1]>> = some.par_iter().map(|&of| of_light(rows, of)).collect();
             for ((column, _), values) in some.iter().zip(columns) {
@@ -408,7 +408,7 @@ impl Ways {
         let origin = surface.domain.mesh.origin_mm;
         let towards = |at: DVec3| match light {
             Light::Directional { from, .. } => *from,
-            Light::Point { at_mm, .. } => (*at_mm - origin - at).normalize_or_zero(),
+            Light::Point { at_mm, .. } | Light::Spot { at_mm, .. } => (*at_mm - origin - at).normalize_or_zero(),
             Light::Constant { .. } | Light::Area { .. } | Light::Environment { .. } => DVec3::ZERO,
         };
         // Irradiance that is fetched or stays.
@@ -594,11 +594,6 @@ fn neighbours(surface: &Surface, facets: &Facets, (sample, part): (usize, u32), 
         }
     }
     around
-}
-
-/// True if the light of a kind enters from one direction at each point, and is moved.
-fn moves(light: &Light) -> bool {
-    matches!(light, Light::Directional { .. } | Light::Point { .. })
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use crate::error::Result;
 use crate::light::Light;
+use crate::light::cone::ConeFalloff;
 use crate::light::environment::Rotation;
 use crate::light::strata::{Candidate, Strata, StrataSettings};
 use crate::math::spherical_rectangle::SphericalRectangle;
@@ -13,9 +14,19 @@ pub(super) const LEAST_DISTANCE2_MM2: f64 = 1e-30;
 
 /// A light, places relative to the mesh's origin (mm); `E` is what a stage makes of an environment.
 pub(super) enum Prepared<E> {
-    Constant { radiance: DVec3 },
-    Directional { from: DVec3, irradiance: DVec3 },
-    Point { at: DVec3, intensity: DVec3 },
+    Constant {
+        radiance: DVec3,
+    },
+    Directional {
+        from: DVec3,
+        irradiance: DVec3,
+    },
+    /// A point or a spot light.
+    Point {
+        at: DVec3,
+        intensity: DVec3,
+        falloff: ConeFalloff,
+    },
     Area(Rectangle),
     Environment(E),
 }
@@ -42,7 +53,12 @@ impl<E> Prepared<E> {
         Ok(match light {
             Light::Constant { radiance } => Self::Constant { radiance: *radiance },
             Light::Directional { from, irradiance } => Self::Directional { from: *from, irradiance: *irradiance },
-            Light::Point { at_mm, intensity } => Self::Point { at: *at_mm - origin_mm, intensity: *intensity },
+            Light::Point { at_mm, intensity } => {
+                Self::Point { at: *at_mm - origin_mm, intensity: *intensity, falloff: ConeFalloff::NONE }
+            }
+            Light::Spot { at_mm, cone, intensity } => {
+                Self::Point { at: *at_mm - origin_mm, intensity: *intensity, falloff: cone.falloff(*at_mm) }
+            }
             Light::Area { at_mm, normal, u, size_mm, radiance, .. } => {
                 let (v, centre) = (normal.cross(*u), *at_mm - origin_mm);
                 let corner = centre - 0.5 * size_mm[0] * *u - 0.5 * size_mm[1] * v;
@@ -62,7 +78,7 @@ impl<E> Prepared<E> {
         })
     }
 
-    /// True for a directional or a point light: all points of a patch see one direction or one point.
+    /// True for a directional, a point or a spot light: all points of a patch see one direction or one point.
     pub(super) fn is_sharp(&self) -> bool {
         matches!(self, Self::Directional { .. } | Self::Point { .. })
     }

@@ -7,12 +7,13 @@ use serde_json::Value;
 use translux::geometry::shapes;
 use translux::io::exr_write::{ExrChannel, ExrImage, ExrLayer, SampleKind};
 
-const LIGHTS: [&str; 5] = [
+const LIGHTS: [&str; 6] = [
     "directional:from=1,2,3:irradiance=3,2,1",
     "point:at=0,10,30:intensity=900",
     "area:at=0,40,0:normal=0,-1,0:size=20,20:radiance=5",
     "constant:radiance=0.4",
     "sky:rotate=40",
+    "spot:at=0,10,30:to=2,3,0:angle=20:blend=0.2:intensity=900",
 ];
 
 #[test]
@@ -31,11 +32,11 @@ fn lights_add_up() {
     let sum = |indices: &[usize]| -> Vec<DVec3> {
         (0..alone[0].len()).map(|v| indices.iter().map(|&i| alone[i][v]).sum()).collect()
     };
-    for pair in [[0, 1], [1, 2], [2, 3], [3, 4], [4, 0]] {
+    for pair in [[0, 1], [1, 2], [2, 3], [3, 4], [4, 5], [5, 0]] {
         let error = relative_difference(&lit(&pair.map(|i| LIGHTS[i])), &sum(&pair));
         assert!(error < 1e-6, "{pair:?}: {error:.1e}");
     }
-    assert!(relative_difference(&lit(&LIGHTS), &sum(&[0, 1, 2, 3, 4])) < 1e-6);
+    assert!(relative_difference(&lit(&LIGHTS), &sum(&[0, 1, 2, 3, 4, 5])) < 1e-6);
     assert_eq!(lit(&[LIGHTS[2], LIGHTS[0]]), lit(&[LIGHTS[0], LIGHTS[2]]), "the order of the lights matters");
     // Twice the same light is twice the light.
     let twice: Vec<DVec3> = alone[1].iter().map(|b| *b * 2.0).collect();
@@ -59,6 +60,7 @@ fn values_scale_with_the_light_channel_by_channel() {
                 "area:at=0,40,0:normal=0,-1,0:size=9,9:radiance=1",
                 "area:at=0,40,0:normal=0,-1,0:size=9,9:radiance=8,0.5,0",
             ),
+            ("spot:at=0,10,30:to=2,3,0:angle=20:intensity=1", "spot:at=0,10,30:to=4,-4,-30:angle=20:intensity=8,0.5,0"),
             ("constant:radiance=1", "constant:radiance=8,0.5,0"),
             ("sky", "sky:scale=8,0.5,0"),
         ] {

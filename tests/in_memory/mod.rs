@@ -224,6 +224,11 @@ pub fn oracle_light(light: &Light) -> OracleLight {
         Light::Point { at_mm, intensity } => {
             OracleLight::Point { at: at_mm.to_array(), intensity: intensity.to_array() }
         }
+        Light::Spot { at_mm, cone, intensity } => {
+            let edge = (0.5 * cone.angle_degrees).to_radians();
+            let (at, to, intensity) = (at_mm.to_array(), cone.to_mm.to_array(), intensity.to_array());
+            OracleLight::Spot { at, to, full: edge * (1.0 - cone.blend), edge, intensity }
+        }
         Light::Area { at_mm, normal, u, size_mm, radiance, .. } => OracleLight::Area {
             at: at_mm.to_array(),
             normal: normal.to_array(),

@@ -13,6 +13,9 @@ pub enum OracleLight {
     Directional { from: V3, irradiance: V3 },
     /// `intensity / d^2` on a surface that faces it.
     Point { at: V3, intensity: V3 },
+    /// A point that shines into a cone around the line to `to`: in full up to `full` radians off it, not beyond `edge`, and between
+    /// them by Hermite's cubic of the cosine.
+    Spot { at: V3, to: V3, full: f64, edge: f64, intensity: V3 },
     /// Rectangle centred at `at` that shines towards `normal` only; the first entry of `size` goes along the first
     /// edge, which is normalize(Z x n), or +X where |n.z| > 0.99, if none is given.
     Area { at: V3, normal: V3, first_edge: Option<V3>, size: [f64; 2], radiance: V3 },
@@ -26,6 +29,7 @@ pub enum OracleLight {
 pub enum Sharp {
     Directional { towards: V3, irradiance: V3 },
     Point { at: V3, intensity: V3 },
+    Spot { at: V3, axis: V3, cosines: [f64; 2], intensity: V3 },
 }
 
 impl Sharp {
@@ -41,6 +45,18 @@ impl Sharp {
                 }
                 (dot(n, to) / d2.sqrt(), mul(intensity, 1.0 / d2))
             }
+            Self::Spot { at, axis, cosines: [full, edge], intensity } => {
+                let away = normalised(sub(p, at));
+                let x = (dot(away, axis) - edge) / (full - edge);
+                let share = if x >= 1.0 {
+                    1.0
+                } else if x > 0.0 {
+                    3.0 * x * x - 2.0 * x * x * x
+                } else {
+                    0.0
+                };
+                return mul(Self::Point { at, intensity }.unshadowed(eta, p, n), share);
+            }
         };
         if mu > 0.0 { mul(colour, mu * fresnel_transmittance(eta, mu)) } else { [0.0; 3] }
     }
@@ -49,7 +65,7 @@ impl Sharp {
     pub fn shadow_ray(&self, p: V3) -> (V3, f64) {
         match *self {
             Self::Directional { towards, .. } => (towards, f64::INFINITY),
-            Self::Point { at, .. } => (sub(at, p), 1.0),
+            Self::Point { at, .. } | Self::Spot { at, .. } => (sub(at, p), 1.0),
         }
     }
 
@@ -58,6 +74,8 @@ impl Sharp {
         match *self {
             Self::Directional { .. } => f64::INFINITY,
             Self::Point { at, .. } => length(sub(at, p)),
+            // The light falls to nothing over this.
+            Self::Spot { at, cosines: [full, edge], .. } => length(sub(at, p)) * (edge.acos() - full.acos()),
         }
     }
 }
@@ -233,6 +251,10 @@ pub fn prepare(lights: &[OracleLight], sharp_share: f64) -> (Vec<Sharp>, Vec<Ext
                 sharp.push(Sharp::Directional { towards: normalised(*from), irradiance: *irradiance });
             }
             OracleLight::Point { at, intensity } => sharp.push(Sharp::Point { at: *at, intensity: *intensity }),
+            OracleLight::Spot { at, to, full, edge, intensity } => {
+                let (axis, cosines) = (normalised(sub(*to, *at)), [full.cos(), edge.cos()]);
+                sharp.push(Sharp::Spot { at: *at, axis, cosines, intensity: *intensity });
+            }
             OracleLight::Area { at, normal, first_edge, size, radiance } => {
                 let n = normalised(*normal);
                 let fallback = if n[2].abs() > 0.99 { [1.0, 0.0, 0.0] } else { cross([0.0, 0.0, 1.0], n) };

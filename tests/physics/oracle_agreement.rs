@@ -86,8 +86,11 @@ fn head_of_marble() {
 #[test]
 fn head_of_skin() {
     let scene = head("skin1");
-    let point = probes::points(&scene.mesh, Half::Tuning)[2].clone();
-    compare("head", &scene, &[("directional", directional(Half::Tuning, 9)), ("point", point)], enough("skin1"));
+    // From 15 mm away onto the rim: its edge and the shadow's cross.
+    let at = scene.mesh.origin_mm + 15.0 * DVec3::new(-0.5, 0.6, 0.6);
+    let spot =
+        Light::spot(at, scene.mesh.origin_mm + DVec3::new(4.0, 3.0, 1.0), 30.0, 0.3, DVec3::splat(200.0)).unwrap();
+    compare("head", &scene, &[("directional", directional(Half::Tuning, 9)), ("spot", spot)], enough("skin1"));
 }
 
 #[test]

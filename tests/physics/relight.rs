@@ -243,7 +243,11 @@ fn what_is_drawn_is_as_bright_as_what_is_rendered() {
     let camera = Camera::framing(&ball().mesh, resolution).unwrap();
     let directional =
         Light::directional(DVec3::new(0.2, 0.3, 0.1) - camera.forward(), DVec3::new(3.0, 2.5, 2.0)).unwrap();
-    for light in [directional, Light::constant(DVec3::new(1.0, 0.5, 0.25)).unwrap()] {
+    // Its edge goes through the highlight.
+    let (from, towards_eye) = (DVec3::new(0.2, 0.3, 0.1) - camera.forward(), -camera.forward());
+    let top = 10.0 * (from.normalize() + towards_eye).normalize();
+    let spot = Light::spot(40.0 * from.normalize(), top + DVec3::Y, 6.0, 0.5, DVec3::splat(2000.0)).unwrap();
+    for light in [directional, spot, Light::constant(DVec3::new(1.0, 0.5, 0.25)).unwrap()] {
         let (kind, lights) = (light.kind().name(), vec![light]);
         let mut drawn = Drawn::of(ball(), Arc::clone(&device), &lights);
         for specular in HIGHLIGHTS.map(|model| model()) {

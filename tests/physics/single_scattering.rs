@@ -97,7 +97,17 @@ fn off_by_default_and_beside_the_radiosity() {
     folder.run(&format!("{line} --no-measure --set single-scattering=off -o off.ply")).ok();
     let report = folder.run(&format!("{line} {ISOTROPIC} --json -o both.ply")).ok().json();
     assert_eq!(folder.read("plain.ply"), folder.read("off.ply"));
-    assert_eq!(folder.radiosity("plain.ply"), folder.radiosity("both.ply"));
+    // Every photon once: the radiosity beside it is that of the later orders.
+    folder.run(&format!("{line} --no-measure --profile dipole:from=2 -o later.ply")).ok();
+    let both = folder.radiosity("both.ply");
+    assert_eq!(folder.radiosity("later.ply"), both);
+    folder.run(&format!("{line} --no-measure {ISOTROPIC} --profile dipole -o typed.ply")).ok();
+    assert_eq!(folder.radiosity("typed.ply"), both);
+    let mean = |values: &[DVec3]| values.iter().sum::<DVec3>() / values.len() as f64;
+    let (plain, sum) = (mean(&folder.radiosity("plain.ply")), mean(&both) + mean(&folder.triples("both.ply", S)));
+    println!("later orders and single scattering over all orders of the dipole: {}", sum / plain);
+    assert!((sum / plain - 1.0).abs().max_element() < 0.25, "{}", sum / plain);
+    assert!((mean(&both) / plain).max_element() < 0.85, "{}", mean(&both) / plain);
     let s = folder.triples("both.ply", S);
     let mean = s.iter().sum::<DVec3>() / s.len() as f64;
     assert!(mean.min_element() > 0.0 && mean.max_element() < 0.2, "{mean}");
@@ -112,7 +122,7 @@ fn off_by_default_and_beside_the_radiosity() {
     let report = folder.run("compare coarse.ply both.ply --fail-above 100% --json").ok().json();
     let rms = |what: &str| report[what]["rms"].as_f64().unwrap();
     assert!(rms("single_scattering") > 0.01 && rms("vertices") > 1e-4 && rms("vertices") < rms("single_scattering"));
-    let one = folder.run("compare plain.ply both.ply --fail-above 0").ok();
+    let one = folder.run("compare later.ply both.ply --fail-above 0").ok();
     assert!(one.stderr.contains("both.ply alone has single scattering"), "{}", one.stderr);
     for (value, says) in [("sometimes", "off, isotropic, phase"), ("", "off, isotropic, phase")] {
         folder.run(&format!("{line} --set single-scattering={value} -o x.ply")).fails(1, &[says]);

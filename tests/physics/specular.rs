@@ -296,6 +296,7 @@ fn every_light() -> Vec<Light> {
         Light::point(DVec3::new(-8.0, 9.0, 20.0), DVec3::splat(300.0)).unwrap(),
         Light::area(DVec3::new(9.0, 12.0, 20.0), DVec3::new(-0.5, -0.6, -1.0), [6.0, 9.0], DVec3::ONE, None).unwrap(),
         Light::environment(Arc::new(sky::sky()), 40.0, DVec3::ONE).unwrap(),
+        Light::spot(DVec3::new(8.0, 9.0, 20.0), DVec3::ZERO, 20.0, 0.5, DVec3::splat(300.0)).unwrap(),
     ];
     assert!(LightKind::ALL.iter().all(|kind| lights.iter().any(|light| light.kind() == *kind)));
     lights

@@ -11,9 +11,9 @@ use crate::evaluate::stages::{of_kinds, spread, worst};
 use crate::forms::sampled_scene::SampledScene;
 use crate::light::{Light, LightKind};
 use crate::math::statistics::VertexError;
+use crate::medium::profile::Orders;
 use crate::progress::Progress;
 use crate::scene::Scene;
-use crate::transport::calibration::Orders;
 use crate::transport::many_lights::{IrradianceRows, ManyLights};
 use crate::transport::near_rule::NearField;
 

@@ -30,7 +30,7 @@ pub struct StoredRows {
 pub const IN_ROWS: [LightKind; 2] = [LightKind::Environment, LightKind::Constant];
 
 /// Kinds of light lit by rays, except area lights with a source radiance field.
-pub const BY_RAYS: [LightKind; 3] = [LightKind::Directional, LightKind::Point, LightKind::Area];
+pub const BY_RAYS: [LightKind; 4] = [LightKind::Directional, LightKind::Point, LightKind::Area, LightKind::Spot];
 
 impl StoredRows {
     /// Holds `rows`, with no source radiance fields yet.

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::settings::Shadows;
 use crate::error::Result;
 use crate::geometry::bvh::{Bvh, NO_TRIANGLE, Ray, offset_origin};
+use crate::light::cone::ConeFalloff;
 use crate::light::harmonics::{coefficients, to_harmonics};
 use crate::light::suns::apart;
 use crate::light::{Light, refuse_fields};
@@ -36,7 +37,15 @@ const CHUNK: usize = 1024;
 /// Light from one direction or one place.
 enum Beam {
     Direction { from: DVec3, irradiance: DVec3 },
-    Place { at: DVec3, intensity: DVec3, axis: Option<DVec3> },
+    Place { at: DVec3, intensity: DVec3, emission: Emission },
+}
+
+/// How a place of a light shines by direction.
+enum Emission {
+    /// By a cone, or everywhere.
+    Cone(ConeFalloff),
+    /// By the cosine to the normal of a rectangle.
+    Cosine(DVec3),
 }
 
 /// A beam with its visible share from each point.
@@ -217,12 +226,15 @@ impl Beam {
     fn towards(&self, from: DVec3) -> (DVec3, DVec3) {
         match self {
             Self::Direction { from, irradiance } => (*from, *irradiance),
-            Self::Place { at, intensity, axis } => {
+            Self::Place { at, intensity, emission } => {
                 let to = *at - from;
                 let distance2 = to.length_squared().max(1e-30);
                 let direction = to / distance2.sqrt();
-                let cosine = axis.map_or(1.0, |axis| (-direction.dot(axis)).max(0.0));
-                (direction, *intensity * (cosine / distance2))
+                let share = match emission {
+                    Emission::Cone(falloff) => falloff.at(direction),
+                    Emission::Cosine(normal) => (-direction.dot(*normal)).max(0.0),
+                };
+                (direction, *intensity * (share / distance2))
             }
         }
     }
@@ -231,9 +243,6 @@ impl Beam {
 fn beams(light: &Light, origin: DVec3) -> Vec<Beam> {
     match light {
         Light::Directional { from, irradiance } => vec![Beam::Direction { from: *from, irradiance: *irradiance }],
-        Light::Point { at_mm, intensity } => {
-            vec![Beam::Place { at: *at_mm - origin, intensity: *intensity, axis: None }]
-        }
         Light::Area { at_mm, normal, u, size_mm, radiance, .. } => {
             let v = normal.cross(*u);
             let place = |i: usize| (i as f64 + 0.5) / SIDE as f64 - 0.5;
@@ -241,11 +250,13 @@ fn beams(light: &Light, origin: DVec3) -> Vec<Beam> {
             (0..SIDE * SIDE)
                 .map(|cell| {
                     let across = *u * (size_mm[0] * place(cell % SIDE)) + v * (size_mm[1] * place(cell / SIDE));
-                    Beam::Place { at: *at_mm - origin + across, intensity, axis: Some(*normal) }
+                    Beam::Place { at: *at_mm - origin + across, intensity, emission: Emission::Cosine(*normal) }
                 })
                 .collect()
         }
-        Light::Constant { .. } | Light::Environment { .. } => Vec::new(),
+        other => other.from_place().map_or_else(Vec::new, |(at_mm, intensity, falloff)| {
+            vec![Beam::Place { at: at_mm - origin, intensity, emission: Emission::Cone(falloff) }]
+        }),
     }
 }
 

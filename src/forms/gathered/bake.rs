@@ -28,10 +28,11 @@ use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{self, Samples};
 use crate::light::{Light, LightKind};
 use crate::math::statistics::VertexError;
+use crate::medium::profile::Orders;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::balanced_tree::in_tree_order;
-use crate::transport::calibration::{Calibrated, Orders, Walks};
+use crate::transport::calibration::{Calibrated, Walks};
 use crate::transport::far_field::LANES;
 use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::medium::{KernelsOfParts, MediumKernel};
@@ -114,11 +115,11 @@ impl Form for Gathered {
         };
         let samples = Samples::new(&scene.mesh, &scene.parts, count);
         let environment = self.environment.filter(|_| settings.is_for(LightKind::Environment));
+        // Where the first scattering has a stage of its own the kernels hold the others.
+        let orders = if self.single.is_some() { Orders::FromTwo } else { Orders::FromOne };
         let (calibrated, calibration) = match settings.model {
             Model::Dipole => (None, Vec::new()),
             Model::Calibrated(walks) => {
-                // Where the first scattering has a stage of its own the kernels hold the others.
-                let orders = if self.single.is_some() { Orders::FromTwo } else { Orders::FromOne };
                 let bvh = Bvh::new(&scene.mesh);
                 let (calibrated, sections) =
                     model::bake(scene, &bvh, (Walks { orders, ..walks }, &settings.kernels), progress)?;
@@ -140,7 +141,7 @@ impl Form for Gathered {
 
         let (mut ledger, mut sections) = (Ledger::default(), calibration);
         if let Some(error) = self.nets {
-            let kernels = kernels(scene, calibrated.as_ref());
+            let kernels = kernels(scene, calibrated.as_ref(), orders);
             let asked = (error, settings.probes.tuning.as_slice());
             let quality = resolution(self, &surface, (&receivers, &kernels), asked, progress)?;
             sections.extend(numbers(quality).to_sections().map_err(write_error)?);
@@ -164,16 +165,17 @@ impl Form for Gathered {
         let quality = self.nets.map(stored).transpose()?;
         let rows = self.environment.map_or(Ok(None), |_| StoredRows::of(&asset))?;
         let evaluator = GatheredEvaluator::new(asset, self.gathering(quality)).with_model()?;
-        Ok(Box::new(GatheredEvaluator { rows, single: self.single, outside: self.outside, ..evaluator }))
+        let evaluator = evaluator.with_single(self.single)?;
+        Ok(Box::new(GatheredEvaluator { rows, outside: self.outside, ..evaluator }))
     }
 }
 
 /// Kernels of the scene, and of each published material in the place of its media.
-fn kernels(scene: &Scene, calibrated: Option<&Calibrated>) -> Vec<KernelsOfParts> {
+fn kernels(scene: &Scene, calibrated: Option<&Calibrated>, orders: Orders) -> Vec<KernelsOfParts> {
     let of_part: Vec<Option<u32>> = scene.parts.parts.iter().map(|part| part.medium).collect();
     let own = match calibrated {
         Some(calibrated) => calibrated.kernels.clone(),
-        None => (MediumKernel::of_media(&scene.media), of_part.clone()),
+        None => (MediumKernel::of_orders(&scene.media, orders, scene.mesh.diagonal_mm()), of_part.clone()),
     };
     let others = kernels_in(&scene.media, &UNLIKE_MATERIALS).map(|kernels| (kernels, of_part.clone()));
     std::iter::once(own).chain(others).collect()
@@ -216,7 +218,9 @@ fn measured(
         ledger: Ledger::default(),
         sections: sections.to_vec(),
     };
-    let mut evaluator = GatheredEvaluator::new(Arc::new(asset), form.gathering(Some(quality))).with_model()?;
+    let orders = if form.single.is_some() { Orders::FromTwo } else { Orders::FromOne };
+    let evaluator = GatheredEvaluator::new(Arc::new(asset), form.gathering(Some(quality)));
+    let mut evaluator = evaluator.with_model()?.of_orders(orders)?;
     evaluator.set_lights(vec![unseen.remove(0)], progress)?;
     evaluator.measured_error(&unseen, progress)
 }

@@ -150,6 +150,7 @@ impl Evaluator for GatheredEvaluator {
                 "--profile: the kernels of the asset are calibrated by walks, which have no profile; bake it with --model dipole",
             ));
         }
+        let profile = if self.single.is_some() { profile.beside_single_scattering() } else { profile };
         let kernels = self.kernels(&profile, &self.scene.media)?;
         self.profile = Some((profile, kernels));
         (self.returned, self.limit) = (None, None);

@@ -16,6 +16,7 @@ use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{self, Patch};
 use crate::light::Light;
 use crate::medium::material::Medium;
+use crate::medium::profile::Orders;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Progress;
 use crate::scene::Scene;
@@ -113,6 +114,28 @@ impl GatheredEvaluator {
     pub(crate) fn with_model(mut self) -> Result<Self> {
         self.model = Model::of(&self.asset, &self.surface())?;
         self.factor_receivers();
+        Ok(self)
+    }
+
+    /// The same with single scattering beside radiosity, which holds the later orders then.
+    ///
+    /// # Errors
+    /// As [`LoadedProfile::channels`].
+    pub(crate) fn with_single(self, single: Option<Traced>) -> Result<Self> {
+        let orders = if single.is_some() { Orders::FromTwo } else { Orders::FromOne };
+        Ok(Self { single, ..self.of_orders(orders)? })
+    }
+
+    /// The same with the orders of its dipoles; calibrated kernels have their own.
+    ///
+    /// # Errors
+    /// As [`LoadedProfile::channels`].
+    pub(crate) fn of_orders(mut self, orders: Orders) -> Result<Self> {
+        if orders == Orders::FromTwo && self.model.is_none() {
+            let profile = LoadedProfile::dipole(orders);
+            let kernels = self.kernels(&profile, &self.scene.media)?;
+            self.profile = Some((profile, kernels));
+        }
         Ok(self)
     }
 

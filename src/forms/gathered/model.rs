@@ -14,11 +14,12 @@ use crate::evaluate::Refined;
 use crate::evaluate::form::{read_error, write_error};
 use crate::geometry::bvh::Bvh;
 use crate::medium::material::{Medium, OpticalProperties};
+use crate::medium::profile::Orders;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::calibration::lattice::Lattice;
 use crate::transport::calibration::layers::{Layers, Splines};
-use crate::transport::calibration::{Calibrated, CalibratedSamples, Orders, PartLayers, Walks};
+use crate::transport::calibration::{Calibrated, CalibratedSamples, PartLayers, Walks};
 use crate::transport::surface::Surface;
 
 /// Quantiser step of the logarithms of factors: an error of 0.1 % RMS.

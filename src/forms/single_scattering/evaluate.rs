@@ -283,7 +283,7 @@ impl TowardsEye for LitFromOutside<'_> {
 }
 
 /// Single scattering by rays; nothing is stored.
-struct ByRays(Traced);
+pub(super) struct ByRays(pub(super) Traced);
 
 impl StoredSingle for ByRays {
     fn is(&self, scene: &Scene) -> SingleScattering {

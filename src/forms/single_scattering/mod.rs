@@ -2,6 +2,9 @@
 
 mod bake;
 mod evaluate;
+mod first_order;
 
 pub(crate) use bake::{Folded, stored};
 pub(crate) use evaluate::{Opened, opened};
+pub use first_order::FirstOrder;
+pub(crate) use first_order::Folding;

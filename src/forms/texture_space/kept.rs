@@ -87,11 +87,6 @@ impl Shone<'_> {
     }
 }
 
-/// True for a directional or a point light.
-pub(super) fn is_sharp(light: &Light) -> bool {
-    matches!(light.kind(), LightKind::Directional | LightKind::Point)
-}
-
 impl Kept {
     /// Forgets what was seen.
     pub(super) fn clear(&mut self) {
@@ -103,7 +98,7 @@ impl Kept {
     /// # Errors
     /// Lights that cannot be served.
     pub(super) fn irradiance(&mut self, shone: Shone, lights: &[Light], progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        let (sharp, soft): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(is_sharp);
+        let (sharp, soft): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(Light::is_sharp);
         let mut result = match soft.is_empty() {
             true => vec![DVec3::ZERO; shone.map.points.len()],
             false => shone.irradiance(&soft, progress)?,

@@ -63,7 +63,7 @@ impl Sampling {
     /// Kinds of light that it takes.
     pub(super) fn kinds(&self) -> &'static [LightKind] {
         match self {
-            Self::Hybrid(_) => &[LightKind::Directional, LightKind::Point],
+            Self::Hybrid(_) => &[LightKind::Directional, LightKind::Point, LightKind::Spot],
             _ => &LightKind::ALL,
         }
     }

@@ -142,8 +142,9 @@ fn errors_fall_with_the_number_of_samples_and_better_choices_are_better() {
 #[test]
 fn local_and_global_light_add_up() {
     let scene = scene(shapes::icosphere(4.0, 4), "skimmilk");
-    let point = Light::point(scene.mesh.origin_mm + DVec3::new(9.0, 4.0, 2.0), DVec3::splat(100.0)).unwrap();
-    for (light, far) in [sun(), point].iter().flat_map(|light| [Far::Drawn, Far::Clusters].map(|far| (light, far))) {
+    let (at, to) = (scene.mesh.origin_mm + DVec3::new(9.0, 4.0, 2.0), scene.mesh.origin_mm + DVec3::Y);
+    let spot = Light::spot(at, to, 30.0, 0.3, DVec3::splat(100.0)).unwrap();
+    for (light, far) in [sun(), spot].iter().flat_map(|light| [Far::Drawn, Far::Clusters].map(|far| (light, far))) {
         let mut evaluator = evaluator(&scene, Sampling::Hybrid(Local { far, ..LOCAL }), 6400, light.clone());
         let values = evaluator.radiosity(&Silent).unwrap();
         let all = evaluator.all_pairs(&Silent).unwrap();

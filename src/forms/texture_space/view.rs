@@ -10,6 +10,7 @@ use super::settings::Local;
 use crate::error::{Error, Result};
 use crate::geometry::bvh::{Bvh, Ray};
 use crate::light::Light;
+use crate::light::cone::ConeFalloff;
 use crate::medium::fresnel;
 use crate::scene::Scene;
 use crate::transport::receivers::Receivers;
@@ -44,12 +45,13 @@ pub(super) enum From {
     Place(DVec3),
 }
 
-/// How a directional or point light looks at the object.
+/// How a directional, point or spot light looks at the object.
 #[derive(Clone, Copy)]
 pub(super) struct Frame {
     pub(super) from: From,
     /// Irradiance or intensity.
     pub(super) colour: DVec3,
+    pub(super) falloff: ConeFalloff,
     /// Axes across the view, and the direction from the object to the light.
     pub(super) axes: [DVec3; 3],
     /// Middle of the image and half of its edge: in mm, or as tangents for a point.
@@ -78,13 +80,13 @@ impl Frame {
     pub(super) fn new(scene: &Scene, light: &Light, local: &Local) -> Result<Self> {
         let [low, high] = scene.mesh.bounds_local_mm();
         let (centre, radius) = (0.5 * (low + high), 0.5 * (high - low).length());
-        let (from, colour) = match light {
-            Light::Directional { from, irradiance } => (From::Direction(from.normalize_or(DVec3::Y)), *irradiance),
-            Light::Point { at_mm, intensity } => (From::Place(*at_mm - scene.mesh.origin_mm), *intensity),
+        let from = match light {
+            Light::Directional { from, .. } => From::Direction(from.normalize_or(DVec3::Y)),
+            Light::Point { at_mm, .. } | Light::Spot { at_mm, .. } => From::Place(*at_mm - scene.mesh.origin_mm),
             other => {
                 let kind = other.kind().name();
                 return Err(Error::unsupported(format!(
-                    "sampling=hybrid sees directional and point lights, not {kind}; --set sampling=product takes all"
+                    "sampling=hybrid sees directional, point and spot lights, not {kind}; --set sampling=product takes all"
                 )));
             }
         };
@@ -94,7 +96,7 @@ impl Frame {
                 let distance = place.distance(centre);
                 if distance < NEAREST * radius {
                     return Err(Error::unsupported(
-                        "sampling=hybrid takes point lights outside the sphere around the object; --set sampling=product takes all",
+                        "sampling=hybrid takes point and spot lights outside the sphere around the object; --set sampling=product takes all",
                     ));
                 }
                 ((place - centre).normalize_or(DVec3::Y), radius / (distance * distance - radius * radius).sqrt())
@@ -107,7 +109,13 @@ impl Frame {
             From::Place(_) => [0.0; 2],
         };
         let start = centre.dot(towards) + 1.01 * radius;
-        Ok(Self { from, colour, axes, middle, half: half * 1.001, start, pixels: local.image })
+        let (colour, falloff) = match light {
+            Light::Directional { irradiance, .. } => (*irradiance, ConeFalloff::NONE),
+            other => other
+                .from_place()
+                .map_or((DVec3::ZERO, ConeFalloff::NONE), |(_, intensity, falloff)| (intensity, falloff)),
+        };
+        Ok(Self { from, colour, falloff, axes, middle, half: half * 1.001, start, pixels: local.image })
     }
 }
 
@@ -145,7 +153,8 @@ impl LightView {
         let eta = scene.media.get(medium as usize)?.properties.eta_inside_over_outside;
         let [a, b, c] = scene.mesh.corners_local_mm(hit.triangle);
         let (s, t) = (f64::from(hit.u), f64::from(hit.v));
-        let entering = if cosine > 0.0 { fresnel::transmittance(eta, cosine) as f32 } else { 0.0 };
+        let of_cone = self.frame.falloff.at(-direction);
+        let entering = if cosine > 0.0 { (fresnel::transmittance(eta, cosine) * of_cone) as f32 } else { 0.0 };
         let at_mm = (1.0 - s - t) * a + s * b + t * c;
         let depth = match self.frame.from {
             From::Direction(direction) => at_mm.dot(direction),

@@ -6,6 +6,7 @@ use super::distances::QuantisedLights;
 use super::interpolation::Interpolator;
 use crate::error::{Error, Result};
 use crate::light::Light;
+use crate::light::cone::Lit;
 use crate::light::cube_light::sums_of_texels;
 use crate::light::environment::{EnvironmentMap, Rotation};
 use crate::math::cube_map::{FACES, direction as texel_direction, solid_angles_sr};
@@ -17,6 +18,11 @@ const GATHER_SIDE: usize = 64;
 /// Quadrature points along an edge of an area light, at least and at most.
 const AREA_POINTS: (usize, usize) = (2, 16);
 
+/// Why a spot light is refused.
+const PARTIAL_CONE: &str = "the cone lights a part of the body alone, and stored transport knows lights that shine on all of it: widen the \
+     cone (angle=, blend=) until it holds the body, or bake with a method that gathers (--method editable or two_pass, or --for-lights \
+     spot)";
+
 /// RGB weights over the entries of `lights` (see [`QuantisedLights::entry`]) that stand for `light`: radiosity, irradiance and
 /// everything else that is linear in the light is the weighted sum over the entries, up to the interpolation.
 ///
@@ -26,6 +32,7 @@ const AREA_POINTS: (usize, usize) = (2, 16);
 ///   the integral of the radiance.
 /// - Point: the weights of its direction from the scene's centre times those of its distance, times intensity / distance^2. A
 ///   far point is parallel light.
+/// - Spot: a point light where its cone lights all of the scene's bounding ball in full, nothing where it lights none of it.
 /// - Area: Gauss-Legendre points over the rectangle, as many as its size over its distance asks for, each a point light of
 ///   the intensity radiance dA cos(a), where a is the angle between the emitter's normal and the scene's centre. The
 ///   approximation: all of the scene sees the emission that the centre sees. A part of the scene that is off the centre by an angle b,
@@ -34,7 +41,8 @@ const AREA_POINTS: (usize, usize) = (2, 16);
 ///   local, [`Emission::ratio`] mends that. Parts of the emitter that face away from the centre are dark.
 ///
 /// # Errors
-/// An interpolator of another set (exit 3); a point light, or a part of an area light, nearer than the nearest shell (exit 5);
+/// An interpolator of another set (exit 3); a point light, or a part of an area light, nearer than the nearest shell, a spot light
+/// that lights a part of the scene (exit 5);
 /// a light so bright that sums overflow (exit 4).
 pub fn light_vector(lights: &QuantisedLights, interpolator: &Interpolator, light: &Light) -> Result<Vec<DVec3>> {
     if interpolator.set() != &lights.directions {
@@ -53,11 +61,20 @@ pub fn light_vector(lights: &QuantisedLights, interpolator: &Interpolator, light
 /// length, from the scene's centre) and irradiance at the centre. Shells beyond the last one in use are left out.
 ///
 /// # Errors
-/// A point light, or a part of an area light, nearer than the nearest shell (exit 5).
+/// A point light, or a part of an area light, nearer than the nearest shell; a spot light that lights a part of the scene alone
+/// (exit 5).
 pub fn pieces(lights: &QuantisedLights, light: &Light) -> Result<Vec<Vec<(DVec3, DVec3)>>> {
     Ok(match light {
         Light::Directional { .. } | Light::Constant { .. } | Light::Environment { .. } => vec![distant(light)?],
         Light::Point { at_mm, intensity } => points(lights, &[(*at_mm, *intensity)])?,
+        Light::Spot { at_mm, cone, intensity } => {
+            let (centre_mm, radius_mm) = (lights.shells.centre_mm(), lights.shells.radius_mm());
+            match cone.falloff(*at_mm).lights_ball(*at_mm, centre_mm, radius_mm) {
+                Lit::Fully => points(lights, &[(*at_mm, *intensity)])?,
+                Lit::Not => Vec::new(),
+                Lit::InPart => return Err(Error::unsupported(PARTIAL_CONE)),
+            }
+        }
         Light::Area { .. } => points(lights, &emitters(light, lights.shells.centre_mm()))
             .map_err(|error| error.at("a part of an area light"))?,
     })
@@ -75,8 +92,8 @@ pub fn distant(light: &Light) -> Result<Vec<(DVec3, DVec3)>> {
         Light::Environment { map, rotate_degrees, scale } => {
             Ok(gather(map, Rotation::from_degrees(*rotate_degrees), *scale))
         }
-        Light::Point { .. } | Light::Area { .. } => Err(Error::unsupported(
-            "point and area lights are not far away: environments, constant and directional lights are",
+        Light::Point { .. } | Light::Spot { .. } | Light::Area { .. } => Err(Error::unsupported(
+            "point, spot and area lights are not far away: environments, constant and directional lights are",
         )),
     }
 }

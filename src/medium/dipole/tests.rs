@@ -412,3 +412,50 @@ fn derivatives_agree_with_finite_differences() {
         }
     }
 }
+
+/// What is left out is the first term of the series in the albedo: the rest falls with its square.
+#[test]
+fn the_later_orders_are_the_dipole_without_its_first_term() {
+    let extinction = 1.7;
+    let of = |albedo: f64| {
+        let whole =
+            Dipole::new(albedo * extinction, (1.0 - albedo) * extinction, boundary_a(1.3, BoundaryFit::Published));
+        (whole, whole.after_first())
+    };
+    let first_over_albedo = |albedo: f64, r: f64| {
+        let (whole, later) = of(albedo);
+        (whole.reflectance(r) - later.reflectance(r)) / albedo
+    };
+    for r in [0.0, 0.1, 0.7, 3.0] {
+        let [dim, bright] = [1e-3, 0.999].map(|albedo| first_over_albedo(albedo, r));
+        assert!((dim / bright - 1.0).abs() < 1e-10, "{r}: {dim} {bright}");
+        let limit = of(1e-6).0.reflectance(r) / 1e-6;
+        assert!((bright / limit - 1.0).abs() < 1e-4 * (1.0 + r), "{r}: {bright} {limit}");
+        let [tenth, twentieth] = [1e-3, 5e-4].map(|albedo| of(albedo).1.reflectance(r));
+        assert!((tenth / twentieth / 4.0 - 1.0).abs() < 2e-3 * (1.0 + r), "{r}: {}", tenth / twentieth);
+    }
+    let (whole, later) = of(0.99);
+    // Mostly the shallow source's: exp(-sqrt 3) / 2.
+    assert!((whole.total() - later.total() - 0.99 * 0.5 * (-(3.0_f64.sqrt())).exp()).abs() < 1e-3);
+}
+
+#[test]
+fn the_later_orders_are_a_profile() {
+    for (dipole, later) in all().map(|dipole| (dipole, dipole.after_first())) {
+        let total = later.total();
+        assert!((0.0..=dipole.total()).contains(&total), "{dipole:?}: {total}");
+        let length = dipole.z_real_mm;
+        let radii: Vec<f64> = (0..60).map(|i| length * 0.05 * 1.2_f64.powi(i)).collect();
+        let values: Vec<f64> = radii.iter().map(|r| later.reflectance(*r)).collect();
+        assert!(values.windows(2).all(|w| 0.0 <= w[1] && w[1] <= w[0] * (1.0 + 1e-9)), "{dipole:?}: {values:?}");
+        for pair in radii.windows(2).step_by(9) {
+            let ring = integrate(|r| r * later.reflectance(r), pair[0], pair[1], 1e-13 * total);
+            assert!((later.tail(pair[0]) - later.tail(pair[1]) - ring).abs() < 1e-10 * total, "{dipole:?}");
+            let disc = TAU * (later.tail(0.0) - later.tail(pair[0]));
+            assert!((later.disc(pair[0]) - disc).abs() < 1e-10 * total, "{dipole:?}");
+        }
+        let (receiver, corners) = placed(length, (0.3, 0.2, 0.4));
+        let brute = brute_triangle(&later, receiver, corners, 1e-9 * total.max(1e-30));
+        assert!((later.triangle(receiver, corners) - brute).abs() < 1e-7 * total.max(1e-30), "{dipole:?}");
+    }
+}

@@ -1,7 +1,8 @@
 //! Diffuse reflectance profiles beside the classical dipole, and the choice among them.
 //!
 //! Every profile is R_d(r) of one channel in 1/mm^2, exitance over the flux that has entered. The models from sigma's
-//! hold light scattered more than once, as the dipole does: single scattering is a separate term.
+//! hold light scattered more than once, for which single scattering is a separate term; the classical dipole's total is that of all
+//! orders, and [`LaterDipole`](super::dipole::LaterDipole) that of those from the second on.
 //!
 //! | profile | from | tail | triangle |
 //! | --- | --- | --- | --- |

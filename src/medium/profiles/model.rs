@@ -14,21 +14,23 @@ use super::photon_beam::photon_beam;
 use crate::error::{Error, Result};
 use crate::medium::fresnel::BoundaryFit;
 use crate::medium::material::OpticalProperties;
-use crate::medium::profile::Profile;
+use crate::medium::profile::{Orders, Profile};
 
 /// The profiles of red, green and blue.
 pub type Channels = [Box<dyn Profile>; 3];
 
-const FORMS: &str = "type dipole, better-dipole, photon-beam, burley, burley:fit=searchlight|diffuse|dmfp, slab:thickness=MM, \
+const FORMS: &str = "type dipole, dipole:from=2, better-dipole, photon-beam, burley, burley:fit=searchlight|diffuse|dmfp, slab:thickness=MM, \
                      layers:path=FILE.toml, gaussians:skin, gaussians:path=FILE.csv, \
                      measured:path=FILE.csv or measured:interpolation=linear:path=FILE.csv";
 
 /// A profile as typed, before any file is read.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum ProfileModel {
-    /// The classical dipole.
+    /// The classical dipole, of all orders of scattering from 1 on.
     #[default]
     Dipole,
+    /// The same of the orders from 2 on, beside single scattering.
+    LaterDipole,
     /// The better dipole.
     BetterDipole,
     /// Photon beam diffusion at a right angle.
@@ -61,7 +63,7 @@ pub enum LoadedProfile {
 }
 
 impl ProfileModel {
-    /// Reads one of the forms: `dipole`, `better-dipole`, `photon-beam`, `burley[:fit=searchlight|diffuse|dmfp]` (or
+    /// Reads one of the forms: `dipole`, `dipole:from=2`, `better-dipole`, `photon-beam`, `burley[:fit=searchlight|diffuse|dmfp]` (or
     /// `burley:diffuse`), `slab:thickness=MM`, `layers:path=FILE.toml`, `gaussians:skin`, `gaussians:path=FILE.csv`,
     /// `measured[:interpolation=log|linear]:path=FILE.csv`; a bare path is layers (`.toml`) or measured (`.csv`).
     ///
@@ -104,6 +106,20 @@ impl ProfileModel {
 }
 
 impl LoadedProfile {
+    /// The dipole of some orders of scattering.
+    pub fn dipole(orders: Orders) -> Self {
+        Self::OfMedium(match orders {
+            Orders::FromOne => ProfileModel::Dipole,
+            Orders::FromTwo => ProfileModel::LaterDipole,
+        })
+    }
+
+    /// The same beside a stage of the first order: the dipole loses it, the other models do not hold it.
+    #[must_use]
+    pub fn beside_single_scattering(self) -> Self {
+        if self == Self::dipole(Orders::FromOne) { Self::dipole(Orders::FromTwo) } else { self }
+    }
+
     /// The profiles of a medium.
     ///
     /// # Errors
@@ -133,6 +149,9 @@ impl LoadedProfile {
                     Box::new(Layers::new(&[slab], BoundaryFit::Published)?)
                 }
                 ProfileModel::Dipole => Box::new(properties.dipoles(BoundaryFit::Published)[channel]),
+                ProfileModel::LaterDipole => {
+                    Box::new(properties.dipoles(BoundaryFit::Published)[channel].after_first())
+                }
                 file => return file.load()?.channel(properties, channel),
             },
         })
@@ -160,7 +179,11 @@ fn read(text: &str) -> Result<ProfileModel> {
     };
     match (kind, rest) {
         ("", None) => Err(fail("it is empty".into())),
-        ("dipole", _) => alone(ProfileModel::Dipole),
+        ("dipole", Some("from=2")) => Ok(ProfileModel::LaterDipole),
+        ("dipole", None | Some("from=1")) => Ok(ProfileModel::Dipole),
+        ("dipole", Some(other)) => {
+            Err(fail(format!("dipole:{other}: its orders of scattering are from=1 or from=2 on")))
+        }
         ("better-dipole", _) => alone(ProfileModel::BetterDipole),
         ("photon-beam", _) => alone(ProfileModel::PhotonBeam),
         ("burley", None) => Ok(ProfileModel::Burley(BurleyFit::default())),
@@ -208,6 +231,7 @@ impl fmt::Display for ProfileModel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Dipole => f.write_str("dipole"),
+            Self::LaterDipole => f.write_str("dipole:from=2"),
             Self::BetterDipole => f.write_str("better-dipole"),
             Self::PhotonBeam => f.write_str("photon-beam"),
             Self::Burley(BurleyFit::Searchlight) => f.write_str("burley"),

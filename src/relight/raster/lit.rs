@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3};
 
 use super::environment::{LEVELS, LatLongImage, MAX_BACKDROP_WIDTH, MAX_PACKED, blurred, packed, resized};
 use super::memory::{Level, layered};
-use super::shadows::{SHADOWED, is_sharp};
+use super::shadows::SHADOWED;
 use super::view::{ENVIRONMENTS, EnvironmentUniform, finite, finite3};
 use crate::evaluate::device::Device;
 use crate::light::Light;
@@ -23,22 +23,27 @@ pub(super) struct Lamp {
     to: [f32; 4],
     power: [f32; 4],
     normal: [f32; 4],
+    cone: [f32; 4],
 }
 
-/// Highlights of the directional, point and area lights.
+/// Highlights of the directional, point, spot and area lights.
 pub(super) fn lamps(lights: &[Light], origin_mm: DVec3) -> Vec<Lamp> {
     let with = |v: [f32; 3], w: f32| [v[0], v[1], v[2], w];
     let mut slot = 0;
     let mut out = Vec::new();
     for light in lights {
-        let shadow = if is_sharp(light) && slot < SHADOWED { slot as f32 } else { -1.0 };
-        slot += usize::from(is_sharp(light));
+        let shadow = if light.is_sharp() && slot < SHADOWED { slot as f32 } else { -1.0 };
+        slot += usize::from(light.is_sharp());
         let mut lamp = |to: DVec3, is_place: f32, power: DVec3, normal: [f32; 4]| {
-            out.push(Lamp { to: with(finite3(to), is_place), power: with(finite3(power), shadow), normal });
+            out.push(Lamp {
+                to: with(finite3(to), is_place),
+                power: with(finite3(power), shadow),
+                normal,
+                cone: [0.0; 4],
+            });
         };
         match light {
             Light::Directional { from, irradiance } => lamp(*from, 0.0, *irradiance, [0.0; 4]),
-            Light::Point { at_mm, intensity } => lamp(*at_mm - origin_mm, 1.0, *intensity, [0.0; 4]),
             Light::Area { at_mm, normal, u, size_mm, radiance, .. } => {
                 let (first, second) = (*u * size_mm[0], normal.cross(*u) * size_mm[1]);
                 let share = size_mm[0] * size_mm[1] / (POINTS_PER_EDGE * POINTS_PER_EDGE) as f64;
@@ -46,6 +51,19 @@ pub(super) fn lamps(lights: &[Light], origin_mm: DVec3) -> Vec<Lamp> {
                 for (a, b) in (0..POINTS_PER_EDGE).flat_map(|a| (0..POINTS_PER_EDGE).map(move |b| (a, b))) {
                     let point = *at_mm + first * middle(a) + second * middle(b) - origin_mm;
                     lamp(point, 1.0, *radiance * share, with(finite3(*normal), 1.0));
+                }
+            }
+            Light::Point { .. } | Light::Spot { .. } => {
+                let Some((at_mm, intensity, falloff)) = light.from_place() else { continue };
+                let [edge, full] = falloff.versines();
+                lamp(
+                    at_mm - origin_mm,
+                    1.0,
+                    intensity,
+                    with(finite3(falloff.axis), if falloff.is_none() { 0.0 } else { 2.0 }),
+                );
+                if let Some(lamp) = out.last_mut() {
+                    lamp.cone = [edge, full, 0.0, 0.0];
                 }
             }
             Light::Constant { .. } | Light::Environment { .. } => {}

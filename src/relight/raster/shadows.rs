@@ -1,4 +1,4 @@
-//! Visibility of directional and point lights from the vertices, for their reflections: the shaders interpolate in
+//! Visibility of directional, point and spot lights from the vertices, for their reflections: the shaders interpolate in
 //! between.
 
 use glam::{DVec3, Vec3};
@@ -47,7 +47,7 @@ impl Shadows {
     /// where the surface faces away.
     pub(crate) fn visibility(&self, bvh: &Bvh, lights: &[Light]) -> Vec<u32> {
         let mut out = vec![u32::MAX; self.starts.len()];
-        let sharp = lights.iter().filter(|l| is_sharp(l)).take(SHADOWED);
+        let sharp = lights.iter().filter(|light| light.is_sharp()).take(SHADOWED);
         for (slot, light) in sharp.enumerate() {
             out.par_chunks_mut(CHUNK).zip(self.starts.par_chunks(CHUNK)).for_each(|(out, starts)| {
                 let rays: Vec<Ray> = starts.iter().map(|(start, _)| self.ray(*start, light)).collect();
@@ -65,7 +65,7 @@ impl Shadows {
 
     fn ray(&self, start: Vec3, light: &Light) -> Ray {
         match light {
-            Light::Point { at_mm, .. } => {
+            Light::Point { at_mm, .. } | Light::Spot { at_mm, .. } => {
                 let offset = *at_mm - self.origin_mm - start.as_dvec3();
                 let distance = offset.length() as f32;
                 Ray { t_max: distance, ..Ray::new(start, offset.normalize_or_zero().as_vec3()) }
@@ -74,11 +74,6 @@ impl Shadows {
             Light::Constant { .. } | Light::Area { .. } | Light::Environment { .. } => Ray::new(start, Vec3::ZERO),
         }
     }
-}
-
-/// Returns whether a light has shadows.
-pub(crate) fn is_sharp(light: &Light) -> bool {
-    matches!(light, Light::Directional { .. } | Light::Point { .. })
 }
 
 #[cfg(test)]

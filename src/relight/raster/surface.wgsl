@@ -41,8 +41,10 @@ struct Light {
     to: vec4f,
     // Irradiance or intensity; w: which byte of the visibility shadows it, -1 for none.
     power: vec4f,
-    // Where it shines to; w is 1 if it shines to one side only.
+    // Where it shines to; w is 1 if it shines to one side only, by the cosine, 2 if it shines into a cone.
     normal: vec4f,
+    // One less the cosines of the cone's edge and of its full light.
+    cone: vec4f,
 }
 
 @group(0) @binding(0) var<uniform> view: View;
@@ -193,6 +195,10 @@ fn specular(in: Surface, medium: vec4f, normal: vec3f, to_eye: vec3f) -> vec3f {
             irradiance /= square;
             if light.normal.w == 1.0 {
                 irradiance *= max(-dot(light.normal.xyz, to_light), 0.0);
+            } else if light.normal.w == 2.0 {
+                let off = to_light + light.normal.xyz;
+                let t = clamp((light.cone.x - 0.5 * dot(off, off)) / max(light.cone.x - light.cone.y, 1e-30), 0.0, 1.0);
+                irradiance *= t * t * (3.0 - 2.0 * t);
             }
         }
         if light.power.w >= 0.0 {

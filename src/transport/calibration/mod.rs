@@ -46,18 +46,8 @@ use crate::geometry::samples::{self, Facet, Samples};
 use crate::math::random::mix;
 use crate::medium::fresnel::{BoundaryFit, CosineTransmittance};
 use crate::medium::material::Medium;
-use crate::medium::profile::Profile;
+use crate::medium::profile::{Orders, Profile};
 use crate::progress::{Progress, Silent};
-
-/// The orders of scattering that a kernel holds. Light that passes without scattering, order 0, is in none.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
-pub enum Orders {
-    /// One event and more.
-    FromOne,
-    /// Two events and more, where the first has a stage of its own.
-    FromTwo,
-}
 
 /// Settings of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]

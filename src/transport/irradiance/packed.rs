@@ -6,6 +6,7 @@ use glam::DVec3;
 
 use super::{CANDIDATES, CONSTANT_SAVES, LightSampling, STAGE_AREA, STAGE_CONSTANT, STAGE_ENVIRONMENT, rays_of};
 use crate::error::Result;
+use crate::light::cone::ConeFalloff;
 use crate::light::strata::{Candidate, StrataSettings};
 use crate::light::{Light, refuse_fields};
 use crate::math::random::{bits, mix, uniform};
@@ -16,8 +17,8 @@ use crate::transport::prepared_light::Prepared;
 pub enum PackedLight {
     /// The direction that it comes from, and its irradiance.
     Directional(DVec3, DVec3),
-    /// Its place and intensity.
-    Point(DVec3, DVec3),
+    /// Its place and intensity, and its cone.
+    Point(DVec3, DVec3, ConeFalloff),
     /// Its radiance; and directions from each point.
     Constant(DVec3, u32),
     /// A rectangle.
@@ -61,7 +62,7 @@ pub fn packed(lights: &[Light], origin_mm: DVec3, sampling: LightSampling) -> Re
     let pack = |light: &Light| {
         Ok(match Prepared::new(light, origin_mm, cut, rays_of)? {
             Prepared::Directional { from, irradiance } => PackedLight::Directional(from, irradiance),
-            Prepared::Point { at, intensity } => PackedLight::Point(at, intensity),
+            Prepared::Point { at, intensity, falloff } => PackedLight::Point(at, intensity, falloff),
             Prepared::Constant { radiance } => {
                 PackedLight::Constant(radiance, sampling.directions.div_ceil(CONSTANT_SAVES))
             }

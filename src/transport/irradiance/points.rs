@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::sharp::{Sharp, graded, pieces};
+use super::sharp::{Focus, Sharp, graded, pieces};
 use super::{Bundle, Illumination, MOST, PROBE_REACH, PROBE_WEIGHTS, SurfacePoint};
 use crate::geometry::samples::{Facet, Patch, area};
 use crate::progress::Progress;
@@ -12,7 +12,7 @@ use crate::progress::Progress;
 const CHUNK: usize = 256;
 
 impl Illumination<'_> {
-    /// Irradiance of single points, RGB, each with the index of its medium: one shadow ray for each directional and point light,
+    /// Irradiance of single points, RGB, each with the index of its medium: one shadow ray for each directional, point and spot light,
     /// as many as a patch has for the others. A point is lit from the side of its normal only. A medium that the scene does not have
     /// gives 0.
     pub fn at_points(&self, points: &[(SurfacePoint, u32)], progress: &dyn Progress) -> Vec<DVec3> {
@@ -83,20 +83,20 @@ impl Illumination<'_> {
         });
     }
 
-    /// Points of the pieces of a patch that is one facet, the closer together the nearer they are to a place, each with its
+    /// Points of the pieces of a patch that is one facet, so close together that a light lights what each stands for evenly, with its
     /// piece and its share of the patch.
     pub(super) fn graded_points(
         &self,
         patch: usize,
         count: u32,
-        from: DVec3,
+        focus: Focus,
     ) -> (Vec<SurfacePoint>, Vec<(usize, f64)>) {
         let (mut points, mut of) = (Vec::new(), Vec::new());
         let [facet] = self.surface.samples.patch(patch) else { return (points, of) };
         let normal = self.surface.patches[patch].normal;
         let mut piece = 0;
         pieces(facet.corners_local_mm(self.surface.domain.mesh), count, &mut |corners| {
-            graded(corners, from, &mut |part, share| {
+            graded(corners, focus, &mut |part, share| {
                 let at = part.iter().sum::<DVec3>() / 3.0;
                 points.push(SurfacePoint { at, normal, triangle: facet.triangle });
                 of.push((piece, share / f64::from(count)));

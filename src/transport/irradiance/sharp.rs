@@ -1,10 +1,11 @@
-//! Directional and point lights: one ray for each point of a sample, and the samples that a shadow boundary crosses.
+//! Directional, point and spot lights: one ray for each point of a sample, and the samples that a shadow boundary or the edge of a cone crosses.
 
 use glam::DVec3;
 
 use super::surface_point::SurfacePoint;
 use crate::geometry::bvh::{Bvh, Ray, offset_along};
 use crate::geometry::samples::{Facet, Patch, bisect};
+use crate::light::cone::{ConeFalloff, Lit};
 use crate::math::simd::InstructionSet;
 use crate::medium::fresnel;
 use crate::transport::prepared_light::{LEAST_DISTANCE2_MM2, Prepared};
@@ -17,18 +18,28 @@ const NEAR_RADII: f64 = 4.0;
 /// a light just above the surface.
 const FINE_RADIUS: f64 = 0.25;
 
+/// Angular radius of the triangles that the edge of a cone crosses, over the half angle of the cone: their sum misses 0.5 % of the
+/// flux of a sharp one.
+const FINE_CONE: f64 = 1.0 / 16.0;
+
+/// A patch whose points differ by more of a cone's full light is looked at from more points.
+const EVEN_SHARE: f64 = 0.1;
+
 /// Bisections of a piece at most: to a thousandth of its edges.
 const MOST_BISECTIONS: u32 = 20;
 
 /// A light whose rays run side by side, from all patches of a range.
 pub(super) struct Sharp {
     source: Source,
+    falloff: ConeFalloff,
     colour: DVec3,
     rays: Vec<Ray>,
     skip: Vec<u32>,
     arrivals: Vec<Arrival>,
     /// F_t cos of some patches.
     entering: Vec<f64>,
+    /// Patches that the edge of the cone crosses.
+    on_edge: Vec<usize>,
 }
 
 /// The irradiance that one ray brings if it meets nothing.
@@ -57,16 +68,37 @@ enum Source {
     Point(DVec3),
 }
 
+/// Why a patch is looked at from many points: it is near to a point light, or large beside the cone of a spot.
+#[derive(Clone, Copy)]
+pub(super) struct Focus {
+    at: DVec3,
+    falloff: ConeFalloff,
+}
+
+impl Focus {
+    /// Returns whether a triangle of this centre and radius is lit evenly enough for one point.
+    fn is_even(&self, centre: DVec3, radius: f64, reach: f64) -> bool {
+        let distance = centre.distance(self.at);
+        if radius > reach * distance {
+            return false;
+        }
+        let angular = radius / distance;
+        angular <= FINE_CONE * self.falloff.cos_edge.clamp(-1.0, 1.0).acos()
+            || self.falloff.lights_ball(self.at, centre, radius) != Lit::InPart
+    }
+}
+
 impl Sharp {
-    /// A directional or a point light, with room for so many rays; none for the other lights.
+    /// A directional, a point or a spot light, with room for so many rays; none for the other lights.
     pub(super) fn new<E>(light: &Prepared<E>, rays: usize) -> Option<Self> {
-        let (source, colour) = match light {
-            Prepared::Directional { from, irradiance } => (Source::Direction(*from), *irradiance),
-            Prepared::Point { at, intensity } => (Source::Point(*at), *intensity),
+        let (source, falloff, colour) = match light {
+            Prepared::Directional { from, irradiance } => (Source::Direction(*from), ConeFalloff::NONE, *irradiance),
+            Prepared::Point { at, intensity, falloff } => (Source::Point(*at), *falloff, *intensity),
             _ => return None,
         };
         let (skip, arrivals) = (Vec::with_capacity(rays), Vec::with_capacity(rays));
-        Some(Self { source, colour, rays: Vec::with_capacity(rays), skip, arrivals, entering: Vec::new() })
+        let (rays, entering, on_edge) = (Vec::with_capacity(rays), Vec::new(), Vec::new());
+        Some(Self { source, falloff, colour, rays, skip, arrivals, entering, on_edge })
     }
 
     /// True if the light is in front of the plane of a triangle, given by a point and a normal of any length.
@@ -78,7 +110,8 @@ impl Sharp {
         }
     }
 
-    /// Direction to the light from a point, its distance, and the factor on `colour` there: 1, or 1 / distance^2.
+    /// Direction to the light from a point, its distance, and the factor on `colour` there, before the share of a cone: 1, or
+    /// 1 / distance^2.
     fn towards(&self, at: DVec3) -> (DVec3, f64, f64) {
         match self.source {
             Source::Direction(from) => (from, f64::INFINITY, 1.0),
@@ -90,12 +123,11 @@ impl Sharp {
         }
     }
 
-    /// The place of a point light that is near enough to a patch for its irradiance to vary within.
-    pub(super) fn near(&self, patch: &Patch) -> Option<DVec3> {
-        match self.source {
-            Source::Point(at) if at.distance(patch.centre_mm) < NEAR_RADII * patch.radius_mm => Some(at),
-            _ => None,
-        }
+    /// What a patch is to be looked at for more closely, if its irradiance varies within.
+    pub(super) fn focus(&self, patch: &Patch) -> Option<Focus> {
+        let Source::Point(at) = self.source else { return None };
+        let focus = Focus { at, falloff: self.falloff };
+        (!focus.is_even(patch.centre_mm, patch.radius_mm, NEAR_RADII.recip())).then_some(focus)
     }
 
     /// Adds the rays of one patch; each point belongs to a piece of it and stands for a share of it all.
@@ -108,6 +140,7 @@ impl Sharp {
     ) {
         // Points of a triangle have one normal, and under a directional light one transmittance.
         let (mut known, mut unit) = ((f64::NAN, 0.0), (DVec3::NAN, DVec3::ZERO));
+        let mut shares = [f64::INFINITY, f64::NEG_INFINITY];
         for (point, p) in points.iter().enumerate() {
             let (to_light, distance, falloff) = self.towards(p.at);
             let cosine = p.normal.dot(to_light);
@@ -119,13 +152,21 @@ impl Sharp {
             }
             let arriving = known.1;
             if arriving > 0.0 {
+                let of_cone = self.falloff.at(to_light);
+                shares = [shares[0].min(of_cone), shares[1].max(of_cone)];
+                if of_cone == 0.0 {
+                    continue;
+                }
                 if p.normal != unit.0 {
                     unit = (p.normal, p.normal.as_vec3().as_dvec3().normalize_or_zero());
                 }
                 let (piece, share) = of(point);
-                let gain = arriving * falloff * share;
+                let gain = arriving * falloff * share * of_cone;
                 self.push((patch, piece), (p.at, unit.1, p.triangle), (to_light, distance), gain);
             }
+        }
+        if shares[1] - shares[0] > EVEN_SHARE {
+            self.on_edge.push(patch);
         }
     }
 
@@ -137,8 +178,11 @@ impl Sharp {
         fresnel::entering(InstructionSet::detect(), eta, &mut entering);
         for (i, (patch, facet)) in patches.iter().zip(facets).enumerate().filter(|(i, _)| entering[*i] > 0.0) {
             let (to_light, distance, falloff) = self.towards(patch.centre_mm);
-            let from = (patch.centre_mm, patch.normal, facet.triangle);
-            self.push((first + i, 0), from, (to_light, distance), entering[i] * falloff);
+            let of_cone = self.falloff.at(to_light);
+            if of_cone > 0.0 {
+                let from = (patch.centre_mm, patch.normal, facet.triangle);
+                self.push((first + i, 0), from, (to_light, distance), entering[i] * falloff * of_cone);
+            }
         }
         self.entering = entering;
     }
@@ -163,12 +207,13 @@ impl Sharp {
         self.arrivals.iter_mut().zip(occluded).for_each(|(arrival, occluded)| arrival.occluded = occluded);
     }
 
-    /// For each patch, true if some of its points are lit and others in shadow.
+    /// For each patch, true if some of its points are lit and others in shadow or outside of the cone.
     pub(super) fn crossed(&self, patches: usize) -> Vec<bool> {
         let mut crossed = vec![false; patches];
         for of_patch in self.arrivals.chunk_by(|a, b| a.patch == b.patch) {
             crossed[of_patch[0].patch as usize] = of_patch.iter().any(|a| a.occluded != of_patch[0].occluded);
         }
+        self.on_edge.iter().for_each(|&patch| crossed[patch] = true);
         crossed
     }
 
@@ -191,7 +236,7 @@ impl Sharp {
     }
 }
 
-/// Samples that a shadow boundary of a sharp light crosses, with the irradiance of each piece less the sample's.
+/// Samples that a shadow boundary of a sharp light or the edge of its cone crosses, with the irradiance of each piece less the sample's.
 #[derive(Clone, Debug, Default)]
 pub struct Pieces {
     /// Position of each sample's pieces in `deviations`; `u32::MAX` for samples that are lit evenly.
@@ -252,16 +297,16 @@ pub(super) fn pieces(corners: [DVec3; 3], count: u32, visit: &mut impl FnMut([DV
     }
 }
 
-/// Visits parts of a triangle that are small beside their distance from a place, with the share of its area that each has.
-pub(super) fn graded(corners: [DVec3; 3], from: DVec3, visit: &mut impl FnMut([DVec3; 3], f64)) {
-    fn cut(corners: [DVec3; 3], from: DVec3, depth: u32, visit: &mut impl FnMut([DVec3; 3], f64)) {
+/// Visits parts of a triangle that a light lights evenly, with the share of its area that each has.
+pub(super) fn graded(corners: [DVec3; 3], focus: Focus, visit: &mut impl FnMut([DVec3; 3], f64)) {
+    fn cut(corners: [DVec3; 3], focus: Focus, depth: u32, visit: &mut impl FnMut([DVec3; 3], f64)) {
         let centre = corners.iter().sum::<DVec3>() / 3.0;
         let radius = corners.iter().map(|c| c.distance(centre)).fold(0.0, f64::max);
-        if depth == MOST_BISECTIONS || radius <= FINE_RADIUS * centre.distance(from) {
+        if depth == MOST_BISECTIONS || focus.is_even(centre, radius, FINE_RADIUS) {
             visit(corners, f64::from(depth).exp2().recip());
         } else {
-            bisect(corners).into_iter().for_each(|half| cut(half, from, depth + 1, visit));
+            bisect(corners).into_iter().for_each(|half| cut(half, focus, depth + 1, visit));
         }
     }
-    cut(corners, from, 0, visit);
+    cut(corners, focus, 0, visit);
 }

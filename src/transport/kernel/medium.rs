@@ -16,7 +16,7 @@ use crate::math::simd::{InstructionSet, multiversion};
 use crate::medium::dipole::{Dipole, Pole};
 use crate::medium::fresnel::BoundaryFit;
 use crate::medium::material::Medium;
-use crate::medium::profile::Profile;
+use crate::medium::profile::{Orders, Profile};
 use crate::medium::profiles::model::LoadedProfile;
 use crate::medium::softened::Softened;
 
@@ -80,6 +80,18 @@ impl MediumKernel {
     /// The kernel of a medium's dipoles.
     pub fn new(medium: &Medium) -> Self {
         Self::of_dipoles(medium.properties.dipoles(BoundaryFit::Published))
+    }
+
+    /// The kernels of some media's dipoles, of some orders of scattering, over an object whose points are at most `reach_mm` apart.
+    pub fn of_orders(media: &[Medium], orders: Orders, reach_mm: f64) -> Vec<Self> {
+        let later = |medium: &Medium| {
+            let dipoles = medium.properties.dipoles(BoundaryFit::Published);
+            Self::of_profiles(dipoles.map(|dipole| Arc::new(dipole.after_first()) as Arc<dyn Profile>), reach_mm)
+        };
+        match orders {
+            Orders::FromOne => Self::of_media(media),
+            Orders::FromTwo => media.iter().map(later).collect(),
+        }
     }
 
     /// The kernels of some media's dipoles.

@@ -160,10 +160,11 @@ fn arrival(
             Arrival { towards, distance: f64::INFINITY, gain, includes_entrance: true }
         }
         Source::Directional { from, irradiance } => plain(*from, f64::INFINITY, *irradiance),
-        Source::Point { at: light, intensity } => {
+        Source::Point { at: light, intensity, falloff } => {
             let way = *light - at;
             let square = way.length_squared().max(LEAST_DISTANCE2_MM2);
-            plain(way.normalize_or_zero(), square.sqrt(), *intensity / square)
+            let towards = way.normalize_or_zero();
+            plain(towards, square.sqrt(), *intensity * (falloff.at(towards) / square))
         }
         Source::Area(light) => {
             let rectangle = light.seen_from(at)?;

@@ -256,15 +256,20 @@ impl<'a> SingleScattering<'a> {
                 let depths = self.depths(line);
                 *irradiance * depths.iter().map(|d| self.scattered(line, d, *from, f64::INFINITY).0).sum::<DVec3>()
             }
-            Prepared::Point { at, intensity } => {
+            Prepared::Point { at, intensity, falloff } => {
                 let depths = self.depths(line);
                 let of = |d: &Depth| {
                     let to_light = *at - line.at(d);
                     let distance = to_light.length();
-                    let (value, straight) = self.scattered(line, d, to_light.normalize_or_zero(), distance);
+                    let direction = to_light.normalize_or_zero();
+                    let share = falloff.at(direction);
+                    if share == 0.0 {
+                        return DVec3::ZERO;
+                    }
+                    let (value, straight) = self.scattered(line, d, direction, distance);
                     // Irradiance is that of the place where the light enters.
                     let outside = (distance - straight).max(1e-15);
-                    value / (outside * outside)
+                    value * (share / (outside * outside))
                 };
                 *intensity * depths.iter().map(of).sum::<DVec3>()
             }

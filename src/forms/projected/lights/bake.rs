@@ -26,10 +26,10 @@ use crate::forms::projected::forecast::{Basis, forecast};
 use crate::forms::projected::reach::allowed;
 use crate::forms::projected::references::{in_ascending_order, in_order_of_rows, spacing, spatial_error, under};
 use crate::forms::sampled_scene::{GROUP, SampledScene, parts};
+use crate::forms::single_scattering::Folding;
 use crate::light::{Light, LightKind};
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
-use crate::transport::calibration::Orders;
 use crate::transport::many_lights::ManyLights;
 use crate::transport::near_rule::NearField;
 
@@ -68,6 +68,7 @@ impl Form for QuantisedLights {
     fn validate(&self) -> Result<()> {
         self.density.validate()?;
         self.lights.validate()?;
+        self.single.validate()?;
         self.spacing.validate()
     }
 
@@ -101,14 +102,14 @@ impl Form for QuantisedLights {
             bake_s: 11.0 + 6.0 * shells,
             keeps: [1.0, 1.6],
         };
-        let kinds = if self.lights.shells == 0 { distant::KINDS } else { &LightKind::ALL[..] };
+        let kinds = if self.lights.shells == 0 { distant::KINDS } else { &LightKind::STORABLE[..] };
         Some(forecast(scene, settings, self.density, basis, true).served(kinds))
     }
 
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
         progress.start("samples", 0);
         let sampled = SampledScene::with_density(scene, self.density, settings)?;
-        let (sampled, calibration) = sampled.with_model(settings, Orders::FromOne, progress)?;
+        let (sampled, calibration) = sampled.with_model(settings, self.single.orders(), progress)?;
         progress.finish();
         sampled.with_transfer(NearField::for_error(settings.max_rms), |mut transfer| {
             let mut tuning = chosen(&settings.probes.tuning, TUNING);
@@ -139,7 +140,12 @@ impl Form for QuantisedLights {
             let spacing_mm = self.spacing.asked_mm(&sampled).unwrap_or_else(by_error);
             let net = Net::new(&sampled.points, &parts(&sampled.receivers), spacing_mm);
             let set = LightSet::planned(scene, needed.directions, &self.lights)?;
-            let values = at_references(&sampled, &transfer, &set, &net.point, progress)?;
+            let folding = self.single.folded(&sampled);
+            let mut values = at_references(&sampled, &transfer, &set, &net.point, progress)?;
+            if let Some(folding) = &folding {
+                let of_set = (set.lights.count(), |index| set.lights.entry(index));
+                folding.add_under_set(&net.point, of_set, &mut values, progress)?;
+            }
             progress.start("coding", 0);
             let shells = set.lights.shells.inverse().len();
             let direction_spacing = light_spacing(&set.lights.directions);
@@ -167,7 +173,7 @@ impl Form for QuantisedLights {
             let mut ledger = Ledger::default();
             ledger.add("hierarchy", hierarchy, "against all pairs, on vertices that no tuning saw");
             let baked = (&set, &net, values.as_slice(), &file);
-            measure((&sampled, &transfer), baked, (&unseen, &needed), &mut ledger, progress)?;
+            measure((&sampled, &transfer, folding.as_ref()), baked, (&unseen, &needed), &mut ledger, progress)?;
             Ok(AssetParts::without_samples(scene, ledger, sections))
         })
     }
@@ -274,20 +280,23 @@ fn between_lights(
 
 /// Enters the error of each stage under lights that no choice saw.
 fn measure(
-    (sampled, transfer): (&SampledScene, &ManyLights),
+    (sampled, transfer, folding): (&SampledScene, &ManyLights, Option<&Folding>),
     (set, net, values, file): (&LightSet, &Net, &[f32], &File),
     (unseen, needed): (&[Light], &Needed),
     ledger: &mut Ledger,
     progress: &dyn Progress,
 ) -> Result<()> {
     let parallel = set.lights.shells.inverse().len() == 1;
-    let served = of_kinds(unseen, if parallel { distant::KINDS } else { &LightKind::ALL });
+    let served = of_kinds(unseen, if parallel { distant::KINDS } else { &LightKind::STORABLE });
     let transport = transport(file, sampled.scene, &sampled.receivers, set)?;
     let points = sampled.probes(net.point.clone());
     progress.start("errors", served.len() as u64);
     let errors = worst(&served, |light| {
         progress.advance(1);
-        let truth = transfer.under(&sampled.by_rays(light)?);
+        let mut truth = transfer.under(&sampled.by_rays(light)?);
+        if let Some(folding) = folding {
+            folding.add(light, &mut truth)?;
+        }
         let between = interpolated(set, values, light)?;
         let lit = set.lit(&transport, std::slice::from_ref(light))?;
         let coded = in_order_of_rows(net, &transport.at_references(&lit));

@@ -11,7 +11,7 @@ use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::evaluate::form::read_error;
-use crate::forms::baked_in::{BakedIn, Beside, Single};
+use crate::forms::baked_in::{BakedIn, Beside};
 use crate::forms::gathered::model::sections_of;
 use crate::forms::projected::components::{Coded, Components, LightBasis, LightFunctions, Lit, Transport, Weighted};
 use crate::forms::sampled_scene::GROUP;
@@ -33,7 +33,7 @@ pub(super) fn open(form: &QuantisedLights, asset: &Asset) -> Result<Box<dyn Eval
     // The basis has taken them in.
     set.interpolator.forget_weights();
     let components = Components { basis: set, transport };
-    let beside = Beside { single: Single::None, outside: None, calibration: sections_of(asset) };
+    let beside = Beside { single: form.single.opened(), outside: None, calibration: sections_of(asset) };
     BakedIn::with(scene, receivers, file.samples as usize, components, beside)
 }
 

@@ -96,7 +96,7 @@ impl LightSet {
     fn check(&self, light: &Light) -> Result<()> {
         refuse_fields(std::slice::from_ref(light))?;
         match (light, self.lights.shells.inverse().len()) {
-            (Light::Point { .. } | Light::Area { .. }, 1) => Err(Error::unsupported(
+            (Light::Point { .. } | Light::Spot { .. } | Light::Area { .. }, 1) => Err(Error::unsupported(
                 "this asset has parallel light only: bake it --for-lights point (or area) for others",
             )),
             _ => Ok(()),

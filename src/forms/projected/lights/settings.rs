@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Error, Result};
 use crate::forms::density::Density;
 use crate::forms::projected::references::Spacing;
+use crate::forms::single_scattering::FirstOrder;
 use crate::light::quantised::distances::Blend;
 use crate::light::quantised::interpolation::Scheme;
 
@@ -51,4 +52,6 @@ pub struct QuantisedLights {
     pub lights: LightSetSettings,
     /// Distance between reference points.
     pub spacing: Spacing,
+    /// Single scattering.
+    pub single: FirstOrder,
 }

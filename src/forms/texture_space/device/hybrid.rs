@@ -38,6 +38,10 @@ struct GpuView {
     middle: [f32; 2],
     rings: u32,
     of_ring: u32,
+    axis: [f32; 3],
+    edge: f32,
+    full: f32,
+    padding: [u32; 3],
 }
 
 #[repr(C)]
@@ -213,7 +217,8 @@ impl HybridOnDevice {
     }
 
     fn view(&self, frame: &Frame, unit: f64) -> GpuView {
-        let Frame { from, colour, axes: [u, v, towards], middle, half, start, pixels } = *frame;
+        let Frame { from, colour, falloff, axes: [u, v, towards], middle, half, start, pixels } = *frame;
+        let [edge, full] = falloff.versines();
         let (place, is_point) = match from {
             From::Direction(direction) => (direction, 0),
             From::Place(place) => (place, 1),
@@ -232,6 +237,10 @@ impl HybridOnDevice {
             middle: middle.map(|x| x as f32),
             rings: self.settings.rings,
             of_ring: self.settings.of_ring,
+            axis: single(falloff.axis),
+            edge,
+            full,
+            padding: [0; 3],
         }
     }
 

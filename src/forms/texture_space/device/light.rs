@@ -9,7 +9,7 @@ use crate::error::Result;
 use crate::evaluate::device::Device;
 use crate::evaluate::device::rays::RaysOnDevice;
 use crate::evaluate::device::surface::{READ, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, uniform};
-use crate::forms::texture_space::kept::{BLOCK, SHARE, is_sharp};
+use crate::forms::texture_space::kept::{BLOCK, SHARE};
 use crate::forms::texture_space::light::{Flux, Walked};
 use crate::forms::texture_space::map::medium_of;
 use crate::forms::texture_space::state::TextureSpaceEvaluator;
@@ -256,7 +256,7 @@ const SHARE: u32 = {SHARE}u;
             return Ok(());
         }
         self.frame = self.frame.wrapping_add(1);
-        let kinds: Vec<LightKind> = lights.iter().filter(|light| is_sharp(light)).map(Light::kind).collect();
+        let kinds: Vec<LightKind> = lights.iter().filter(|light| light.is_sharp()).map(Light::kind).collect();
         if !self.kept.iter().map(|(kind, _)| *kind).eq(kinds.iter().copied()) {
             let unknown = |kind| Ok((kind, self.device.zeros("sights", 4 * self.points as u64)?));
             self.kept = kinds.into_iter().map(unknown).collect::<Result<_>>()?;
@@ -269,7 +269,7 @@ const SHARE: u32 = {SHARE}u;
         let pi = std::f64::consts::PI;
         let brightest = match light {
             PackedLight::Directional(_, irradiance) => *irradiance,
-            PackedLight::Point(at, intensity) => {
+            PackedLight::Point(at, intensity, _) => {
                 let [low, high] = self.bounds_mm;
                 let distance = at.distance(at.clamp(low, high)).max(NEAREST * self.diagonal_mm);
                 *intensity / (distance * distance)
@@ -292,8 +292,10 @@ fn gpu_light(light: &PackedLight, points: usize, unit: f64) -> (GpuLight, Vec<[f
         PackedLight::Directional(from, irradiance) => {
             GpuLight { kind: 0, colour: single(*irradiance / unit), place: single(*from), ..of }
         }
-        PackedLight::Point(at, intensity) => {
-            GpuLight { kind: 1, colour: single(*intensity / unit), place: single(*at), ..of }
+        PackedLight::Point(at, intensity, falloff) => {
+            let [edge, full] = falloff.versines();
+            let (colour, place, u) = (single(*intensity / unit), single(*at), single(falloff.axis));
+            GpuLight { kind: 1, colour, place, u, width: edge, height: full, ..of }
         }
         PackedLight::Constant(radiance, count) => {
             GpuLight { kind: 2, colour: single(*radiance / unit), count: *count, ..of }

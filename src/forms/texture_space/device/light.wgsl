@@ -17,7 +17,7 @@ struct Point {
 }
 
 struct Light {
-    // 0: directional, 1: point, 2: constant, 3: area, 4: environment.
+    // 0: directional, 1: point or spot, 2: constant, 3: area, 4: environment.
     kind: u32,
     // Rays of each point that this pass casts, of so many.
     first: u32,
@@ -29,6 +29,7 @@ struct Light {
     // The direction that it comes from, its place, or the corner of a rectangle.
     place: vec3<f32>,
     side: u32,
+    // Edge of a rectangle; or axis of a point light's cone, whose edge and full light `width` and `height` are, as 1 less the cosine.
     u: vec3<f32>,
     width: f32,
     v: vec3<f32>,
@@ -80,6 +81,13 @@ fn entering(medium: u32, given: f32) -> f32 {
     let parallel = eta * outside + inside;
     let value = 0.5 * (product / (perpendicular * perpendicular) + product / (parallel * parallel));
     return min(value, 1.0) * given;
+}
+
+// Share of a cone's light, as in light/cone.rs.
+fn of_cone(to_light: vec3<f32>) -> f32 {
+    let off = -to_light - light.u;
+    let t = clamp((light.width - 0.5 * dot(off, off)) / max(light.width - light.height, 1e-30), 0.0, 1.0);
+    return t * t * (3.0 - 2.0 * t);
 }
 
 fn arriving(p: u32, direction: vec3<f32>, distance: f32) -> f32 {
@@ -256,7 +264,10 @@ fn shine(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
         let to_light = light.place - points[p].at;
         let square = max(dot(to_light, to_light), 1e-30);
         let distance = sqrt(square);
-        sum = light.colour * (arriving(p, to_light / distance, distance) / square);
+        let share = of_cone(to_light / distance);
+        if share > 0.0 {
+            sum = light.colour * (share * arriving(p, to_light / distance, distance) / square);
+        }
     } else if light.kind == 2u {
         for (var ray = light.first; ray < light.end; ray += 1u) {
             sum += light.colour * of_constant(p, ray);
@@ -300,7 +311,7 @@ fn keep(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
             let square = max(dot(to_light, to_light), 1e-30);
             distance = sqrt(square);
             direction = to_light / distance;
-            gain = 1.0 / square;
+            gain = of_cone(direction) / square;
         }
         gain *= entering(points[p].medium, dot(points[p].normal, direction));
         if gain > 0.0 {

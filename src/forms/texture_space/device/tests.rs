@@ -60,6 +60,12 @@ fn light_of_nodes(on: &TextureSpaceOnDevice) -> Vec<Flux> {
     values[..on.cpu.map.nodes.len()].iter().map(flux).collect()
 }
 
+/// A spot light on a part of the body.
+fn spot(scene: &Scene) -> Light {
+    let origin = scene.mesh.origin_mm;
+    Light::spot(origin + DVec3::new(9.0, 4.0, 2.0), origin + DVec3::Y, 20.0, 0.4, DVec3::splat(100.0)).unwrap()
+}
+
 fn lights(scene: &Scene) -> Vec<Light> {
     let origin = scene.mesh.origin_mm;
     let area =
@@ -67,6 +73,7 @@ fn lights(scene: &Scene) -> Vec<Light> {
     vec![
         sun(),
         Light::point(origin + DVec3::new(9.0, 4.0, 2.0), DVec3::new(100.0, 90.0, 80.0)).unwrap(),
+        spot(scene),
         Light::constant(DVec3::new(0.5, 0.6, 0.7)).unwrap(),
         area.unwrap(),
         Light::environment(sky::sky().into(), 40.0, DVec3::ONE).unwrap(),
@@ -148,7 +155,7 @@ fn every_choice_of_samples_gives_the_same_radiosity() {
         (Sampling::Clusters, 1e-4, sun()),
         (Sampling::Shared, 2e-3, sun()),
         (hybrid(Far::Clusters), 1e-3, sun()),
-        (hybrid(Far::Drawn), 2e-3, point),
+        (hybrid(Far::Drawn), 2e-3, spot(&scene)),
     ];
     for (sampling, most, light) in &all {
         let (mut cpu, mut on) = pair(&device, &scene, *sampling, light);

@@ -7,7 +7,7 @@ struct View {
     v: vec3<f32>,
     start: f32,
     towards: vec3<f32>,
-    // 1: a point light.
+    // 1: a point or a spot light.
     is_point: u32,
     // Its place; or for parallel light the same as `towards`.
     place: vec3<f32>,
@@ -18,6 +18,13 @@ struct View {
     middle: vec2<f32>,
     rings: u32,
     of_ring: u32,
+    // Axis of a point light's cone; one less the cosines of its edge and of its full light.
+    axis: vec3<f32>,
+    edge: f32,
+    full: f32,
+    padding0: u32,
+    padding1: u32,
+    padding2: u32,
 }
 
 struct Triangle {
@@ -70,6 +77,13 @@ fn transmittance(medium: u32, cosine: f32) -> f32 {
     return min(0.5 * (product / (perpendicular * perpendicular) + product / (parallel * parallel)), 1.0);
 }
 
+// Share of a cone's light in a direction away from it, as in light/cone.rs.
+fn of_cone(direction: vec3<f32>) -> f32 {
+    let off = direction - view.axis;
+    let t = clamp((view.edge - 0.5 * dot(off, off)) / max(view.edge - view.full, 1e-30), 0.0, 1.0);
+    return t * t * (3.0 - 2.0 * t);
+}
+
 @compute @workgroup_size(64)
 fn look(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
     let index = 64u * (group.x + 65535u * group.y) + thread;
@@ -93,7 +107,7 @@ fn look(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         return;
     }
     let cosine = -dot(triangles[hit.triangle].plane.xyz, direction);
-    let entering = transmittance(triangles[hit.triangle].medium, cosine);
+    let entering = transmittance(triangles[hit.triangle].medium, cosine) * of_cone(direction);
     let depth = select(view.start - hit.t, hit.t / stretch, view.is_point == 1u);
     seen[index] = vec4(hit.triangle, triangles[hit.triangle].part, bitcast<u32>(depth), bitcast<u32>(entering));
 }
