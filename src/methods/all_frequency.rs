@@ -177,8 +177,8 @@ impl Method for AllFrequency {
     fn form(&self, keys: &Keys, settings: &BakeSettings) -> Result<Box<dyn AnyForm>> {
         if !settings.for_lights.is_empty() && !KINDS.iter().any(|kind| settings.is_for(*kind)) {
             return Err(Error::unsupported(
-                "all_frequency is for light from far away (environment, constant, directional): bake --for-lights point or area with \
-                 --method quantized_lights or editable",
+                "all_frequency is for light from far away (environment, constant, directional): bake --for-lights point, spot or area with \
+                 --method editable, or point or area with quantized_lights",
             ));
         }
         let basis = keys.get(&BASIS)?;

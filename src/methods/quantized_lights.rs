@@ -2,7 +2,7 @@
 //! (Hao & Varshney 2004). A program of its own, `examples/papers`, stores exactly the paper's data.
 
 use super::keys::{self, SINGLE_CROSSINGS, SINGLE_FORM};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::evaluate::keys::{Auto, Key, Keys, Number, OneOf};
 use crate::evaluate::single_scattering::Scattering;
 use crate::evaluate::{About, AnyForm, BakeSettings, Method};
@@ -152,6 +152,12 @@ impl Method for QuantizedLights {
     }
 
     fn form(&self, keys: &Keys, settings: &BakeSettings) -> Result<Box<dyn AnyForm>> {
+        if !settings.for_lights.is_empty() && !LightKind::STORABLE.iter().any(|kind| settings.is_for(*kind)) {
+            return Err(Error::unsupported(
+                "quantized_lights holds lights that shine on the whole body; a spot lights a part of it: bake --for-lights spot with \
+                 --method editable or two_pass",
+            ));
+        }
         let lights = light_set(keys, settings, keys.get(&INTERPOLATION)?)?;
         let spacing = Spacing { mm: keys.get(&SPACING)?, references: keys.get(&REFERENCES)? };
         let by_rays = |scattering| keys::traced_as(keys, &SINGLE_SAMPLES, scattering);

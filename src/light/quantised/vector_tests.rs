@@ -247,3 +247,20 @@ fn what_the_set_does_not_carry_is_an_error() {
         }
     }
 }
+
+#[test]
+fn a_cone_that_holds_the_scene_is_a_point_and_one_that_ends_on_it_is_refused() {
+    let (lights, interpolator) = set(100, Scheme::Rbf);
+    let at = CENTRE + 40.0 * random_direction(8, 3);
+    let vector = |light: Light| light_vector(&lights, &interpolator, &light);
+    let spot = |to: DVec3, angle: f64| vector(Light::spot(at, to, angle, 0.2, DVec3::ONE).unwrap());
+    let point = vector(Light::point(at, DVec3::ONE).unwrap()).unwrap();
+    // asin(10 / 40) is 14.5 degrees, and the full light of 0.8 of the half angle holds it.
+    assert_eq!(spot(CENTRE, 37.0).unwrap(), point);
+    for angle in [35.0, 10.0, 0.1] {
+        let refused = spot(CENTRE, angle).unwrap_err();
+        assert_eq!(refused.code(), ExitCode::Unsupported, "{angle}");
+        assert!(refused.message().contains("widen the cone"), "{refused}");
+    }
+    assert!(spot(2.0 * at - CENTRE, 60.0).unwrap().iter().all(|weight| *weight == DVec3::ZERO));
+}

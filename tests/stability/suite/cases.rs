@@ -147,5 +147,6 @@ pub fn cases() -> Vec<Case> {
         },
         Case { scale: MM, ..case("ball", || icosphere(15.0, 4)) },
         case("a million triangles", bodies::a_million),
+        Case { lamps: vec![Lamp::SpotAcross, Lamp::NarrowSpot], samples: None, ..case("head, spots", bodies::head) },
     ]
 }

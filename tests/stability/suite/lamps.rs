@@ -26,6 +26,9 @@ pub enum Lamp {
     OnVertex,
     Inside,
     FarPoint,
+    /// A cone whose edge crosses the body, and one narrower than a sample.
+    SpotAcross,
+    NarrowSpot,
     /// A rectangle beside the body.
     Area,
     Constant,
@@ -49,6 +52,8 @@ impl Lamp {
             Self::OnVertex => "point on the surface".to_owned(),
             Self::Inside => "point inside".to_owned(),
             Self::FarPoint => "point at 1e6 mm".to_owned(),
+            Self::SpotAcross => "spot across".to_owned(),
+            Self::NarrowSpot => "narrow spot".to_owned(),
             Self::Area => "area".to_owned(),
             Self::Constant => "constant".to_owned(),
             Self::Sky => "sky".to_owned(),
@@ -63,6 +68,7 @@ impl Lamp {
         match self {
             Self::Sun | Self::EdgeOn | Self::Behind | Self::Below | Self::Black => LightKind::Directional,
             Self::PointAt(_) | Self::OnVertex | Self::Inside | Self::FarPoint => LightKind::Point,
+            Self::SpotAcross | Self::NarrowSpot => LightKind::Spot,
             Self::Area => LightKind::Area,
             Self::Constant => LightKind::Constant,
             Self::Sky | Self::SkyWithSun | Self::LoneSun | Self::LowSun => LightKind::Environment,
@@ -94,6 +100,15 @@ impl Lamp {
                 let depth = 1e-2 * mesh.diagonal_mm();
                 let at = corners.iter().sum::<DVec3>() / 3.0 - depth * mesh.normal(0);
                 Light::point(centre + at, DVec3::splat(depth * depth))
+            }
+            Self::SpotAcross => {
+                let distance = 2.5 * radius;
+                let to = centre + 0.5 * radius * odd.any_orthonormal_vector().normalize();
+                Light::spot(centre + distance * odd.normalize(), to, 20.0, 0.15, DVec3::splat(distance * distance))
+            }
+            Self::NarrowSpot => {
+                let distance = 2.5 * radius;
+                Light::spot(centre + distance * odd.normalize(), centre, 0.5, 0.0, DVec3::splat(distance * distance))
             }
             Self::Area => {
                 let from = odd.normalize();
