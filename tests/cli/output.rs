@@ -205,7 +205,15 @@ mod interrupts {
     use std::time::{Duration, Instant};
 
     fn start(folder: &Folder, line: &str) -> Child {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_translux"));
+        // A shell without job control has what it starts in the background ignore interrupts, these tests and their children included.
+        let mut command = match cfg!(target_os = "linux") {
+            true => {
+                let mut command = Command::new("env");
+                command.args(["--default-signal=INT,TERM,HUP", env!("CARGO_BIN_EXE_translux")]);
+                command
+            }
+            false => Command::new(env!("CARGO_BIN_EXE_translux")),
+        };
         command.current_dir(folder.path("")).args(line.split_whitespace());
         command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
     }

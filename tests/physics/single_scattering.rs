@@ -8,7 +8,7 @@ use std::f64::consts::{FRAC_1_PI, PI, TAU};
 use crate::common::Folder;
 use crate::in_memory::vertex_areas;
 use glam::DVec3;
-use translux::evaluate::Evaluator;
+use translux::evaluate::{Evaluator, SingleScattering};
 use translux::geometry::mesh::Scale;
 use translux::geometry::shapes;
 use translux::geometry::source::SourceModel;
@@ -55,10 +55,14 @@ fn with(model: SourceModel, properties: OpticalProperties) -> Scene {
     scene
 }
 
-fn reference(scene: Scene, set: &[(&str, &str)]) -> Box<dyn Evaluator> {
+fn baked(method: &str, scene: Scene, samples: usize, set: &[(&str, &str)]) -> Box<dyn Evaluator> {
     let set: Vec<(String, String)> = set.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect();
-    let method = in_memory::method("reference");
-    in_memory::registry().open(in_memory::try_bake(method, scene, Some(500), &set).unwrap().into()).unwrap()
+    let method = in_memory::method(method);
+    in_memory::registry().open(in_memory::try_bake(method, scene, Some(samples), &set).unwrap().into()).unwrap()
+}
+
+fn reference(scene: Scene, set: &[(&str, &str)]) -> Box<dyn Evaluator> {
+    baked("reference", scene, 500, set)
 }
 
 #[test]
@@ -160,6 +164,38 @@ fn the_same_bytes_on_any_number_of_threads_and_none_of_it_from_the_mesh() {
     }
     // Both layers are compared, so a picture without one of them is told apart only by what it has.
     folder.run("compare 1.exr 2.exr").ok();
+}
+
+/// The first order by rays, the later ones in the radiosity, or both in what is stored: the sum is that of `reference`.
+#[test]
+fn methods_with_single_scattering_add_up_to_the_reference() {
+    let head = || in_memory::scene(shapes::bumpy_head(10.0, 3), Scale::MillimetresPerUnit(1.0), "skin1");
+    let areas = vertex_areas(&head());
+    let sun = Light::directional(DVec3::new(0.3, 0.8, 0.5), DVec3::new(3.0, 2.0, 1.0)).unwrap();
+    let under_the_sun = |mut evaluator: Box<dyn Evaluator>| {
+        let radiosity = in_memory::lit(evaluator.as_mut(), vec![sun.clone()]);
+        let single = evaluator.single_scattering(&Silent).unwrap();
+        let all = radiosity.iter().zip(single.unwrap_or(vec![DVec3::ZERO; areas.len()])).map(|(b, s)| *b + s).collect();
+        (radiosity, all, evaluator)
+    };
+    let isotropic = [("single-scattering", "isotropic")];
+    let (later, all, _): (_, Vec<DVec3>, _) = under_the_sun(baked("reference", head(), 8192, &isotropic));
+    let error = |found: &[DVec3], truth: &[DVec3]| vertex_error(found, truth, &areas).rms;
+    for (method, most) in [("two_pass", 0.01), ("editable", 0.015), ("quantized_lights", 0.04)] {
+        let (radiosity, sum, _) = under_the_sun(baked(method, head(), 8192, &isotropic));
+        let found = [error(&radiosity, &later), error(&sum, &all)];
+        println!("{method}: {found:?} off, orders from 2 on and all");
+        assert!(found.iter().all(|off| *off < most), "{method}: {found:?}");
+    }
+    let (folded, _, mut evaluator) =
+        under_the_sun(baked("quantized_lights", head(), 8192, &[("single-scattering", "folded")]));
+    assert_eq!(evaluator.single_scattering_is(), SingleScattering::Included);
+    let off = error(&folded, &all);
+    let promised = evaluator.measured_error(&[], &Silent).unwrap().total_rms();
+    println!("folded: {off:.1e} off, measured against its samples {promised:.1e}");
+    assert!(off < 0.04 && promised < 0.04, "{off:.1e} {promised:.1e}");
+    let pairs = evaluator.all_pairs(&Silent).unwrap();
+    assert!(error(&pairs, &all) < 0.01, "{:.1e}", error(&pairs, &all));
 }
 
 /// A ball that is a thousand mean free paths thick, seen from far away: the mean over its disc of a layer is `Int L 2 mu dmu`.

@@ -12,6 +12,7 @@ use translux::error::{Error, Result};
 use translux::evaluate::{AssetParts, BakeSettings, Evaluator, Form};
 use translux::forms::density::Density;
 use translux::forms::projected::lights::LightSetSettings;
+use translux::light::LightKind;
 use translux::math::sh::MOST_ORDER;
 use translux::progress::Progress;
 use translux::scene::Scene;
@@ -99,6 +100,10 @@ impl Form for VertexValues {
             }
             _ => Ok(()),
         }
+    }
+
+    fn kinds(&self) -> &'static [LightKind] {
+        &LightKind::STORABLE
     }
 
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {

@@ -72,6 +72,10 @@ impl Form for QuantisedLights {
         self.spacing.validate()
     }
 
+    fn kinds(&self) -> &'static [LightKind] {
+        &LightKind::STORABLE
+    }
+
     fn serves(&self, _: Model) -> bool {
         true
     }
