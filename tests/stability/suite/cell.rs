@@ -137,6 +137,7 @@ impl<'a> Session<'a> {
         let mut says = self.faults.clone();
         says.extend(doubtful(shown, std::slice::from_ref(&light), evaluator.cost().samples).iter().map(|found| {
             let what = match found.doubt {
+                Doubt::Misses => "aimed past the object",
                 Doubt::Inside => "inside the body",
                 Doubt::OnSurface => "on the surface",
                 Doubt::Near => "nearer to the surface than samples lie apart",
