@@ -444,18 +444,26 @@ fn the_later_orders_are_a_profile() {
     for (dipole, later) in all().map(|dipole| (dipole, dipole.after_first())) {
         let total = later.total();
         assert!((0.0..=dipole.total()).contains(&total), "{dipole:?}: {total}");
+        // In nearly black media the two are equal but for rounding.
+        let off = 1e-10 * total + 1e-15 * dipole.total();
         let length = dipole.z_real_mm;
         let radii: Vec<f64> = (0..60).map(|i| length * 0.05 * 1.2_f64.powi(i)).collect();
         let values: Vec<f64> = radii.iter().map(|r| later.reflectance(*r)).collect();
-        assert!(values.windows(2).all(|w| 0.0 <= w[1] && w[1] <= w[0] * (1.0 + 1e-9)), "{dipole:?}: {values:?}");
+        assert!(
+            values.windows(2).all(|w| 0.0 <= w[1] && w[1] <= w[0] * (1.0 + 1e-9) + 1e-15 * dipole.reflectance(0.0)),
+            "{dipole:?}: {values:?}"
+        );
         for pair in radii.windows(2).step_by(9) {
-            let ring = integrate(|r| r * later.reflectance(r), pair[0], pair[1], 1e-13 * total);
-            assert!((later.tail(pair[0]) - later.tail(pair[1]) - ring).abs() < 1e-10 * total, "{dipole:?}");
+            let ring = integrate(|r| r * later.reflectance(r), pair[0], pair[1], 0.1 * off);
+            assert!((later.tail(pair[0]) - later.tail(pair[1]) - ring).abs() <= off, "{dipole:?}");
             let disc = TAU * (later.tail(0.0) - later.tail(pair[0]));
-            assert!((later.disc(pair[0]) - disc).abs() < 1e-10 * total, "{dipole:?}");
+            assert!((later.disc(pair[0]) - disc).abs() <= off, "{dipole:?}");
         }
         let (receiver, corners) = placed(length, (0.3, 0.2, 0.4));
-        let brute = brute_triangle(&later, receiver, corners, 1e-9 * total.max(1e-30));
-        assert!((later.triangle(receiver, corners) - brute).abs() < 1e-7 * total.max(1e-30), "{dipole:?}");
+        let brute = brute_triangle(&later, receiver, corners, 1e-9 * total + 1e-13 * dipole.total());
+        assert!(
+            (later.triangle(receiver, corners) - brute).abs() <= 1e-7 * total + 1e-12 * dipole.total(),
+            "{dipole:?}"
+        );
     }
 }

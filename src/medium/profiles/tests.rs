@@ -276,18 +276,20 @@ fn profiles_scale_with_the_medium() {
 
 #[test]
 fn forms_are_read_and_written() {
-    let files = ["layers:path=a:b.toml", "gaussians:path=g.csv", "measured:path=m.csv"];
+    let files = ["dipole:from=2", "layers:path=a:b.toml", "gaussians:path=g.csv", "measured:path=m.csv"];
     for text in MODELS.into_iter().chain(files).chain(["measured:interpolation=linear:path=m=1.csv"]) {
         let model = ProfileModel::parse(text).unwrap();
         assert_eq!(ProfileModel::parse(&model.to_string()).unwrap(), model, "{text}");
     }
     assert_eq!(ProfileModel::parse(" x/Skin.TOML ").unwrap(), ProfileModel::Layers("x/Skin.TOML".into()));
     assert_eq!(ProfileModel::parse("a.csv").unwrap(), ProfileModel::parse("measured:path=a.csv").unwrap());
-    assert_eq!(ProfileModel::default(), ProfileModel::parse("dipole").unwrap());
+    for all_orders in ["dipole", "dipole:from=1"] {
+        assert_eq!(ProfileModel::default(), ProfileModel::parse(all_orders).unwrap());
+    }
     for (text, says) in [
         ("", "it is empty"),
         ("tripole", "`tripole` is no profile"),
-        ("dipole:x=1", "no keys"),
+        ("dipole:x=1", "from=1 or from=2"),
         ("burley:fit=none", "`none` is no fit"),
         ("slab", "a number of mm"),
         ("slab:thickness=-1", "a number of mm"),
