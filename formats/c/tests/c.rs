@@ -155,6 +155,7 @@ fn sum<T: Copy>(array: *const T, length: usize) -> u64 {
 }
 
 /// Reads everything that an open asset lends, and returns the sections of its method as (tag, bytes).
+#[expect(clippy::undocumented_unsafe_blocks, reason = "what is said of the first holds for each")]
 fn read_all(asset: *const Asset) -> Vec<(String, usize)> {
     let none = null_mut();
     // SAFETY (of this and all below): the asset is open, and what is written to is ours.
@@ -238,7 +239,9 @@ fn what_is_lent_is_the_asset() {
         // Two readers at once get the same arrays.
         let address = asset.0 as usize;
         let far = || {
-            got(|out| unsafe { translux_far_field(address as *const Asset, out, null_mut()) }).map(|f| f.nodes as usize)
+            // SAFETY: as above; whoever drops the asset waits for both.
+            let far = got(|out| unsafe { translux_far_field(address as *const Asset, out, null_mut()) });
+            far.map(|far| far.nodes as usize)
         };
         let both =
             std::thread::scope(|scope| [scope.spawn(far), scope.spawn(far)].map(|thread| thread.join().unwrap()));
