@@ -1,4 +1,5 @@
 //! What an engine reads of an asset, without the baker: `cargo run -p translux-format --example engine -- A.tlux`.
+//! `engine.c` beside it does the same in C.
 
 use std::process::ExitCode;
 
@@ -29,7 +30,7 @@ fn main() -> ExitCode {
 }
 
 /// Everything that goes into an engine's buffers, as text.
-fn describe(bytes: &[u8]) -> Result<String, FormatError> {
+pub(crate) fn describe(bytes: &[u8]) -> Result<String, FormatError> {
     // Checksums, lengths and indices are verified here; nothing below can be out of range.
     let asset = AssetFile::from_bytes(bytes, Budget::default())?;
     let (mesh, parts, samples) = (&asset.mesh, &asset.parts, &asset.samples);
@@ -41,7 +42,7 @@ fn describe(bytes: &[u8]) -> Result<String, FormatError> {
         mesh.weld.iter().enumerate().filter(|(vertex, weld)| *vertex == **weld as usize).count(),
     );
     for medium in &parts.media {
-        text += &format!("medium {}: sigma_s' {:?} 1/mm\n", medium.name, medium.sigma_s_reduced_per_mm);
+        text += &format!("medium {}: sigma_s' {:.4?} 1/mm\n", medium.name, medium.sigma_s_reduced_per_mm);
     }
     text += &format!("samples: {}\n", samples.patch_count());
     if let Some(rows) = IrradianceRows::from_sections(&asset.extra, samples.patch_count())? {
