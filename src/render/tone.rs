@@ -22,8 +22,9 @@ pub enum Tone {
     None,
     /// A film's curve for each channel: Hable's of "Uncharted 2" (2010), with white at 11.2 and radiance doubled first.
     Filmic,
-    /// Sobotka's AgX, its base look: primaries moved a fifth of the way to white, stops from -10 to 6.5 about middle grey (0.18), and
-    /// a sigmoid in them, so that bright colours turn pale as on film.
+    /// Sobotka's AgX, its base look, in which bright colours turn pale as on film.
+    //
+    // Primaries moved a fifth of the way to white, stops from -10 to 6.5 about middle grey (0.18), and a sigmoid in them.
     Agx,
 }
 
