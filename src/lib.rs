@@ -100,6 +100,8 @@ pub use light::Light;
 pub use medium::material::Material;
 
 use error::Result;
+use medium::inversion::Reflector;
+use medium::material_file::Chosen;
 use progress::Silent;
 
 /// Reads a model (OBJ, glTF) and makes a scene of it.
@@ -152,7 +154,7 @@ pub fn light(text: &str) -> Result<Light> {
 /// # Errors
 /// Command line: no such preset; a file that cannot be read.
 pub fn material(name: &str) -> Result<Material> {
-    Material::from_argument(name)
+    Chosen::from_argument(name, &Reflector::default()).map(|chosen| chosen.material)
 }
 
 /// Radiosity of every source vertex under some lights, RGB, in the unit of their irradiance.

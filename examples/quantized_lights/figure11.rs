@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use translux::asset::Asset;
 use translux::error::Result;
 use translux::evaluate::Evaluator;
-use translux::io::colour::linear_from_srgb;
+use translux::math::srgb::linear_from_srgb;
 use translux::measure::image_error::{ImageError, image_error};
 use translux::methods;
 use translux::progress::Silent;

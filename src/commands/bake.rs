@@ -19,6 +19,7 @@ use crate::evaluate::{BakeSettings, Recipe};
 use crate::geometry::check::MeshCheck;
 use crate::import::Imported;
 use crate::io::atomic;
+use crate::medium::inversion::Reflector;
 use crate::plan::{self, Plan, Request};
 use crate::report::bake::BakeReport;
 use crate::report::quality::missed_quality;
@@ -65,6 +66,16 @@ enum Inside {
     Calibrated,
 }
 
+impl Inside {
+    /// What looks are inverted through.
+    fn reflector(self) -> Reflector {
+        match self {
+            Self::Dipole => Reflector::default(),
+            Self::Calibrated => Reflector::Volume,
+        }
+    }
+}
+
 /// Refuses what is wrong with the options themselves, before anything is read or written.
 ///
 /// # Errors
@@ -97,7 +108,7 @@ pub(super) fn run(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
     if args.build.is_current(&args.output, &request, &args.model, console)? {
         return current(args, console);
     }
-    let imported = args.model.load(console)?;
+    let imported = args.model.load(args.inside.reflector(), console)?;
     if args.build.dry_run {
         return forecast(&what, imported, console);
     }

@@ -18,6 +18,7 @@ use crate::evaluate::Registry;
 use crate::evaluate::memory::Limits;
 use crate::math::simd::InstructionSet;
 use crate::progress::{Progress, stage};
+use crate::report::materials::LookReport;
 use crate::report::text::{megabytes, percent};
 use crate::report::{Run, StageTime, Timings, document, json};
 
@@ -78,6 +79,7 @@ struct State {
     warnings: Vec<String>,
     /// Those of the warnings that are about quality.
     faults: Vec<String>,
+    looks: Vec<LookReport>,
 }
 
 impl Console {
@@ -152,6 +154,16 @@ impl Console {
         self.state().faults.push(line.to_owned());
     }
 
+    /// Keeps a look for the report; returns whether it is a new one.
+    pub(super) fn keep_look(&self, look: LookReport) -> bool {
+        let mut state = self.state();
+        let is_new = !state.looks.contains(&look);
+        if is_new {
+            state.looks.push(look);
+        }
+        is_new
+    }
+
     /// The exit code of a command that has done its work: with `--strict` an error, if there were faults.
     pub(super) fn verdict(&self, code: ExitCode) -> Result<ExitCode> {
         let faults = self.state().faults.join("; ");
@@ -182,6 +194,7 @@ impl Console {
         // Each lock is given back before the next: within one statement they would wait for each other.
         let stages = self.state().times.clone();
         let warnings = self.state().warnings.clone();
+        let looks = self.state().looks.clone();
         let estimated_memory_bytes = self.state().estimated_memory;
         let timings = Timings {
             seconds: self.seconds(),
@@ -190,7 +203,7 @@ impl Console {
             peak_memory_bytes: peak_memory(),
             threads: rayon::current_num_threads(),
         };
-        let run = Run { warnings, timings };
+        let run = Run { looks, warnings, timings };
         match &self.reports {
             Reports::Printed(reported) => {
                 print_line(&json(command, report, &run)?)?;

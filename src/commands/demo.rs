@@ -20,7 +20,8 @@ use crate::import::materials::MaterialChoice;
 use crate::import::{ImportOptions, Source};
 use crate::io::atomic;
 use crate::measure::probes::by_stage;
-use crate::medium::material::Material;
+use crate::medium::inversion::Reflector;
+use crate::medium::material_file::Chosen;
 use crate::render::background::Background;
 use crate::render::film::{side_by_side, to_png};
 use crate::render::frame::Frame;
@@ -143,7 +144,7 @@ fn bake(console: &Console) -> Result<Vec<u8>> {
 
 /// Makes pictures of one material and measures their error.
 fn show(evaluator: &mut dyn Evaluator, name: &str, folder: &Path, console: &Console) -> Result<(Shown, Frame)> {
-    evaluator.set_media(vec![Material::from_argument(name)?.into()])?;
+    evaluator.set_media(vec![Chosen::from_argument(name, &Reflector::default())?.material.into()])?;
     let lights = LightArgs { light: LIGHTS.map(str::to_owned).into() }.load(console)?;
     let files = ["png", "exr"].map(|suffix| folder.join(format!("{name}.{suffix}")));
     let picture = PictureArgs::of(["--camera", CAMERA, "--resolution", RESOLUTION])?;

@@ -1,13 +1,20 @@
-//! `--material` and its companions: optical properties for a model's materials, or in place of an asset's.
+//! `--material` and its companions: optical properties or looks for a model's materials, or in place of an asset's.
 
 use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 
+use super::console::Console;
 use crate::error::Result;
 use crate::evaluate::{Evaluator, Method};
-use crate::import::materials::MaterialChoice;
+use crate::import::materials::{AskedLook, MaterialChoice};
+use crate::math::srgb::hex_from_linear;
+use crate::medium::inversion::{REACHED, Radius, Reflector};
+use crate::medium::look::{Look, parse_colour};
 use crate::medium::material::{Medium, Overrides};
 use crate::medium::profiles::model::ProfileModel;
+use crate::report::materials::LookReport;
+use crate::report::text::significant;
 
 /// Optical properties.
 #[derive(Clone, Debug, Default, Args)]
@@ -28,6 +35,33 @@ pub(super) struct MediumArgs {
     /// Index of refraction, inside over outside
     #[arg(long, allow_negative_numbers = true)]
     eta: Option<f64>,
+    /// Colour in place of coefficients: what a flat body scatters back under white light from everywhere, its highlight left out;
+    /// '#e8c4b0' (sRGB), or linear R,G,B. With --material it keeps the material's length
+    #[arg(long, value_name = "COLOR", value_parser = parse_colour, allow_negative_numbers = true)]
+    color: Option<DVec3>,
+    /// How far light goes inside, in mm: a number or R,G,B. With --material it keeps the material's colour
+    #[arg(long, value_name = "RGB", value_parser = rgb, allow_negative_numbers = true)]
+    radius_mm: Option<DVec3>,
+    #[arg(long, value_name = "WHICH", value_parser = conventions(), help = format!(
+        "What --radius-mm is (docs/materials.md): {}; {} where it is not given", conventions_in_words(), Radius::default().word()))]
+    radius_convention: Option<Radius>,
+}
+
+/// The conventions by their words.
+fn conventions() -> impl TypedValueParser<Value = Radius> {
+    PossibleValuesParser::new(Radius::ALL.map(Radius::word)).try_map(|word| word.parse::<Radius>())
+}
+
+/// What each convention is, for the help.
+fn conventions_in_words() -> String {
+    let words = |radius: Radius| match radius {
+        Radius::MeanFreePath => "mfp, the mean free path 1/sigma_t'",
+        Radius::DiffusionLength => "diffusion, 1/sigma_tr (Random Walk (Skin) of Cycles)",
+        Radius::Cycles => "cycles, Radius times Scale of Christensen-Burley and Random Walk, 4 pi mfp",
+        Radius::Burley => "burley, d of Christensen and Burley",
+        Radius::OpenPbr => "openpbr, subsurface_radius times its scale, 1/sigma_t unreduced",
+    };
+    Radius::ALL.map(words).join("; ")
 }
 
 /// How light spreads below the surface.
@@ -52,6 +86,37 @@ pub(super) fn without_transport() -> String {
     )
 }
 
+/// Tells what became of looks: a line each, and a warning where a colour is out of reach. Reports keep them.
+pub(super) fn tell(looks: &[AskedLook], console: &Console) {
+    let triple = |v: DVec3| v.to_array().map(significant).join(" ");
+    for AskedLook { name, found } in
+        looks.iter().filter(|look| console.keep_look(LookReport::of(&look.name, &look.found)))
+    {
+        let (target, inversion) = (&found.target, &found.inversion);
+        let [asked, achieved] =
+            [inversion.asked, inversion.achieved].map(|c| format!("{} ({})", hex_from_linear(c), triple(c)));
+        let (radius, mm) = (target.radius.name(), triple(target.radius_mm));
+        let [scattering, absorption] =
+            [inversion.properties.sigma_s_reduced_per_mm, inversion.properties.sigma_a_per_mm].map(triple);
+        console.note(&format!(
+            "LOOK {name}: asked {asked}, achieved {achieved}, {radius} {mm} mm | sigma_s' {scattering}, sigma_a {absorption} per mm, RGB"
+        ));
+        if !inversion.is_reached() {
+            let gap = inversion.gap();
+            let off: Vec<String> = ["red", "green", "blue"]
+                .into_iter()
+                .zip(gap.to_array())
+                .filter(|(_, gap)| gap.abs() > REACHED)
+                .map(|(channel, gap)| format!("{channel} {gap:+.3}"))
+                .collect();
+            let (eta, off) = (target.eta_inside_over_outside, off.join(", "));
+            console.fault(&format!(
+                "the colour {asked} of {name} is out of reach at eta {eta}: nearest is {achieved}, off by {off} in linear light"
+            ));
+        }
+    }
+}
+
 impl ProfileArg {
     /// Returns whether a profile was given.
     pub(super) fn is_given(&self) -> bool {
@@ -61,6 +126,11 @@ impl ProfileArg {
     /// The profile that was given, otherwise the dipole.
     pub(super) fn model(&self) -> Result<ProfileModel> {
         self.profile.as_deref().map_or(Ok(ProfileModel::Dipole), ProfileModel::parse)
+    }
+
+    /// What looks are inverted through: the profile.
+    pub(super) fn reflector(&self) -> Result<Reflector> {
+        Ok(self.model()?.load()?.into())
     }
 
     /// Puts the profile in force and adds its name to those of the media.
@@ -76,8 +146,8 @@ impl ProfileArg {
 }
 
 impl MediumArgs {
-    /// The choice of materials with its overrides.
-    pub(super) fn choice(&self) -> MaterialChoice {
+    /// The choice of materials with its overrides; looks are inverted through `reflector`.
+    pub(super) fn choice(&self, reflector: Reflector) -> MaterialChoice {
         let overrides = Overrides {
             sigma_s_per_mm: self.sigma_s,
             sigma_a_per_mm: self.sigma_a,
@@ -85,7 +155,8 @@ impl MediumArgs {
             eta_inside_over_outside: self.eta,
             ..Overrides::default()
         };
-        MaterialChoice { texts: self.material.clone(), overrides }
+        let look = Look { colour: self.color, radius_mm: self.radius_mm, radius: self.radius_convention };
+        MaterialChoice { texts: self.material.clone(), overrides, look, reflector }
     }
 }
 

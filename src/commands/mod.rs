@@ -81,7 +81,7 @@ enum Command {
     Chart(chart::ChartArgs),
     /// Compare two PLY or EXR files or two assets
     Compare(compare::CompareArgs),
-    /// List the measured materials
+    /// List the materials that --material knows by name, measured or chosen by eye
     Materials,
     /// List the methods and the keys that --set takes
     Methods(methods::MethodsArgs),

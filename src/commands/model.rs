@@ -7,12 +7,14 @@ use clap::{Args, ValueEnum};
 use glam::DVec3;
 
 use super::console::Console;
-use super::media::MediumArgs;
+use super::media::{MediumArgs, tell};
 use crate::error::Result;
 use crate::geometry::mesh::{Scale, UpAxis};
 use crate::geometry::parts::PartsRule;
+use crate::import::materials::MaterialChoice;
 use crate::import::{FAULT_NOTE, ImportOptions, Imported, Source};
 use crate::measure::between_vertices::between_vertices;
+use crate::medium::inversion::Reflector;
 use crate::report::text::{percent, significant};
 
 /// Error between vertices from which on it is told.
@@ -64,14 +66,14 @@ enum Unit {
 }
 
 impl ModelArgs {
-    /// What is asked of the model, the files apart.
-    pub(super) fn options(&self) -> ImportOptions {
-        self.placement.options(&self.media)
+    /// What is asked of the model, the files apart; looks are inverted through `reflector`.
+    pub(super) fn options(&self, reflector: Reflector) -> ImportOptions {
+        self.placement.options(self.media.choice(reflector))
     }
 
     /// Reads the model and resolves its size, parts and media; prints warnings and notes on standard error.
-    pub(super) fn load(&self, console: &Console) -> Result<Imported> {
-        let options = self.options();
+    pub(super) fn load(&self, reflector: Reflector, console: &Console) -> Result<Imported> {
+        let options = self.options(reflector);
         let source = Source::read(&self.model, &options.materials, console)?;
         import(source, &options, console).map_err(|e| e.in_file(&self.model))
     }
@@ -100,6 +102,7 @@ pub(super) fn import(mut source: Source, options: &ImportOptions, console: &Cons
             imported.origin.notes.insert(0, format!("{FAULT_NOTE}{fault}"));
         }
     }
+    tell(&imported.looks, console);
     let diagonal = imported.scene.mesh.diagonal_mm();
     let triple = |v: DVec3| v.to_array().map(significant).join(" ");
     for medium in &imported.scene.media {
@@ -137,7 +140,7 @@ impl PlacementArgs {
     }
 
     /// The options as resolved.
-    fn options(&self, media: &MediumArgs) -> ImportOptions {
+    fn options(&self, materials: MaterialChoice) -> ImportOptions {
         let unit = self.unit.map(|unit| match unit {
             Unit::Mm => 1.0,
             Unit::Cm => 10.0,
@@ -147,7 +150,7 @@ impl PlacementArgs {
         let height = self.height_mm.map(|height| Scale::HeightMm(height, self.up));
         ImportOptions {
             scale: unit.map(Scale::MillimetresPerUnit).or(size).or(height),
-            materials: media.choice(),
+            materials,
             parts: self.parts,
             opaque: self.opaque.clone(),
             skip: self.skip.clone(),

@@ -8,10 +8,13 @@ use clap::Args;
 use translux_format::{Budget, Excerpt};
 
 use super::console::Console;
-use super::media::{MediumArgs, ProfileArg, without_transport};
+use super::media::{MediumArgs, ProfileArg, tell, without_transport};
 use crate::asset::{Asset, Provenance};
 use crate::error::{Error, Result};
 use crate::evaluate::{Evaluator, Registry};
+use crate::import::materials::SceneMedia;
+use crate::medium::inversion::Reflector;
+use crate::report::radiosity_ply::{DIPOLE, model_of};
 use crate::report::text::significant;
 
 /// An asset and its materials.
@@ -77,8 +80,11 @@ impl AssetArgs {
         check_file(&self.asset, 1, console)?;
         let asset = Arc::new(console.stage("open", || self.read(&console.registry, &self.asset, console.budget()))?);
         let mut evaluator = within_memory(console)(&asset, &self.asset)?;
-        if let Some(media) = self.media.choice().of_scene(evaluator.scene())? {
+        let is_walked = !self.profile.is_given() && model_of(&asset.provenance) != DIPOLE;
+        let reflector = if is_walked { Reflector::Volume } else { self.profile.reflector()? };
+        if let Some(SceneMedia { media, looks }) = self.media.choice(reflector).of_scene(evaluator.scene())? {
             evaluator.set_media(media)?;
+            tell(&looks, console);
         }
         self.profile.put(evaluator.as_mut())?;
         // The asset goes, and with it what the evaluator has in another form.

@@ -14,6 +14,7 @@ use crate::error::{Error, Result};
 use crate::import::dependencies;
 use crate::import::file::Input;
 use crate::io::atomic;
+use crate::medium::inversion::Reflector;
 
 /// Options of a bake in a build.
 #[derive(Clone, Debug, Args)]
@@ -33,9 +34,10 @@ pub(super) struct BuildOptions {
     pub(super) keep_on_fail: bool,
 }
 
-/// A hash of what a command line asks for: the model's options and those of the method, whatever their order, and no folder.
+/// A hash of what a command line asks for: the model's options and those of the method, whatever their order, and no folder. What looks
+/// are inverted through follows from the method.
 pub(super) fn request(model: &ModelArgs, of_method: &str) -> String {
-    let mut options = model.options();
+    let mut options = model.options(Reflector::default());
     for text in &mut options.materials.texts {
         let (name, value) = text.split_once('=').map_or(("", text.as_str()), |(name, value)| (name, value));
         let value = Path::new(value).file_name().map_or(value.into(), |file| file.to_string_lossy());
@@ -57,7 +59,7 @@ impl BuildOptions {
     /// Writes the depfile where it is asked for.
     pub(super) fn write(&self, asset: &Path, model: &ModelArgs) -> Result<()> {
         let Some(path) = &self.depfile else { return Ok(()) };
-        let files = dependencies(&model.model, &model.options().materials)?;
+        let files = dependencies(&model.model, &model.options(Reflector::default()).materials)?;
         let words: Vec<String> = files.iter().map(|file| escaped(file)).collect();
         atomic::write(path, format!("{}: {}\n", escaped(asset), words.join(" ")).as_bytes())
     }
@@ -81,7 +83,7 @@ impl BuildOptions {
         if provenance.settings.get(REQUEST).is_none_or(|of_asset| of_asset != request) {
             return Ok(false);
         }
-        let files = dependencies(&model.model, &model.options().materials)?;
+        let files = dependencies(&model.model, &model.options(Reflector::default()).materials)?;
         let inputs = files.iter().map(|file| Input::read(file)).collect::<Result<Vec<_>>>()?;
         Ok(inputs == provenance.origin.inputs)
     }

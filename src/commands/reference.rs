@@ -19,6 +19,7 @@ use crate::evaluate::keys::share;
 use crate::geometry::check::MeshCheck;
 use crate::geometry::parts::Closure;
 use crate::import::Imported;
+use crate::medium::inversion::Reflector;
 use crate::report::evaluation::{RadiosityReport, WalkReport};
 use crate::report::radiosity_ply::{RANDOM_WALK, Single, comments, model_of, radiosity_ply};
 use crate::report::text::{percent, significant};
@@ -77,6 +78,16 @@ enum Physics {
     MonteCarlo,
 }
 
+impl ReferenceArgs {
+    /// What looks are inverted through.
+    fn reflector(&self) -> Result<Reflector> {
+        match self.walk.physics {
+            Physics::Dipole => self.profile.reflector(),
+            Physics::Calibrated | Physics::MonteCarlo => Ok(Reflector::Volume),
+        }
+    }
+}
+
 pub(super) fn run(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     match args.walk.physics {
         Physics::Dipole => summed(args, args.walk.walks.dipole()?, console),
@@ -93,7 +104,7 @@ fn summed(args: &ReferenceArgs, model: Model, console: &Console) -> Result<ExitC
     let asked_rms = Some(recipe.settings.max_rms);
     output::check(&args.output, &["ply"], console)?;
     let lights = args.lights.load(console)?;
-    let asset = baking::bake(recipe, args.model.load(console)?, console)?;
+    let asset = baking::bake(recipe, args.model.load(args.reflector()?, console)?, console)?;
     let provenance = asset.provenance.clone();
     let (method, model) = (provenance.method.as_str(), model_of(&provenance));
     let mut evaluator = opening::baked(asset, console)?;
@@ -106,7 +117,7 @@ fn monte_carlo(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     let effort = args.effort()?;
     output::check(&args.output, &["ply"], console)?;
     let lights = args.lights.load(console)?;
-    let Imported { scene, check, .. } = args.model.load(console)?;
+    let Imported { scene, check, .. } = args.model.load(args.reflector()?, console)?;
     check_closed(&scene, &check).map_err(|e| e.in_file(&args.model.model))?;
     console.check_memory(exitance::memory(scene.domain()), "raise --max-memory")?;
     // Photons start from points of the surface, not from samples of it.

@@ -14,14 +14,16 @@ use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Evaluator;
 use crate::evaluate::exitance::Exitance;
 use crate::import::file::{Input, suffix};
+use crate::medium::look::parse_colour;
 use crate::render::camera::Resolution;
 use crate::render::exit::ExitFresnel;
-use crate::render::film::{ColourType, to_exr, to_png};
+use crate::render::film::{ColourType, to_exr, to_toned_png};
 use crate::render::frame::{
-    DEFAULT_SAMPLES_PER_PIXEL, ExitanceAt, Frame, MAX_SAMPLES_PER_PIXEL, RenderSettings, render,
+    DEFAULT_OPAQUE, DEFAULT_SAMPLES_PER_PIXEL, ExitanceAt, Frame, Ground, MAX_SAMPLES_PER_PIXEL, RenderSettings, render,
 };
 use crate::render::single::{Scattered, Single};
 use crate::render::texture::Texture;
+use crate::render::tone::Tone;
 use crate::report::picture::RenderReport;
 use crate::report::text::{percent, significant};
 
@@ -62,6 +64,18 @@ pub(super) struct PictureArgs {
     /// Normalisation of the exit Fresnel factor
     #[arg(long, default_value = "normalised")]
     exit_fresnel: ExitFresnel,
+    /// Tone curve of PNG: none (what is brighter than white is cut off), filmic (Hable's), agx (bright colours turn pale).
+    /// OpenEXR stays linear
+    #[arg(long, value_name = "none|filmic|agx", default_value_t)]
+    tone: Tone,
+    /// Colour of opaque parts: '#808080' (sRGB), or linear R,G,B [default: 0.5]; the base colours of a --texture with a file
+    /// take its place
+    #[arg(long, value_name = "COLOR", value_parser = parse_colour)]
+    opaque_color: Option<DVec3>,
+    /// A level plane under the object that catches its shadow: the background is darkened by the share of the light that the
+    /// object takes away. It sends no light to the object
+    #[arg(long)]
+    ground: bool,
     /// How OpenEXR pictures store colours; data (normal, depth, coverage, part) always have 32 bits
     #[arg(long, value_name = "TYPE", default_value = "half")]
     exr_type: ColourType,
@@ -94,7 +108,9 @@ impl PictureArgs {
     fn settings(&self, evaluator: &dyn Evaluator) -> Result<RenderSettings> {
         let (samples_per_pixel, exit_fresnel) = (self.samples_per_pixel, self.exit_fresnel);
         let settings = self.view.settings(&evaluator.scene().mesh, self.resolution)?;
-        Ok(RenderSettings { samples_per_pixel, exit_fresnel, ..settings })
+        let opaque = Some(self.opaque_color.unwrap_or(DVec3::splat(DEFAULT_OPAQUE)));
+        let ground = if self.ground { Ground::Shadow } else { Ground::None };
+        Ok(RenderSettings { samples_per_pixel, exit_fresnel, opaque, ground, ..settings })
     }
 }
 
@@ -127,7 +143,7 @@ pub(super) fn finish(
     };
     let scattered = Scattered { exitance: exitance.as_ref(), single, texture: texture.as_ref() };
     if shown {
-        settings.white = picture.view.exposure.white(evaluator, scattered, &settings)?;
+        settings.white = picture.tone.white() * picture.view.exposure.white(evaluator, scattered, &settings)?;
     }
     let frame = render(evaluator, scattered, &lights.lights, &settings, console)?;
     let single_scattering_paths = towards_eye.as_ref().map(|eye| eye.paths_per_pixel(settings.samples_per_pixel));
@@ -153,6 +169,8 @@ pub(super) fn finish(
         single_scattering: frame.single,
         single_scattering_paths,
         exr_type: picture.exr_type,
+        tone: picture.tone,
+        ground: picture.ground,
         exposure: picture.view.exposure.to_string(),
         exposure_factor: picture.view.exposure.factor(&frame),
         coverage: frame.pixels.iter().map(|p| f64::from(p.coverage)).sum::<f64>() / frame.pixels.len() as f64,
@@ -190,7 +208,8 @@ fn cost_of_single(frame: &Frame, paths_per_pixel: u64) -> String {
 
 /// Prints notes and warnings about a picture that may not look as expected.
 fn explain(result: &RenderReport, frame: &Frame, console: &Console) {
-    console.note(&format!("CAMERA {} | exposure {}", result.camera, significant(result.exposure_factor)));
+    let (camera, factor, stops) = (&result.camera, result.exposure_factor, result.exposure_factor.log2());
+    console.note(&format!("CAMERA {camera} | exposure {} (--exposure {stops:.2} keeps it)", significant(factor)));
     if result.coverage == 0.0 {
         console.warn("the camera does not see the object; leave --camera out to see the whole of it");
     }
@@ -217,5 +236,5 @@ fn write(
 ) -> Result<()> {
     let (png, exr): (Vec<&PathBuf>, Vec<&PathBuf>) = outputs.iter().partition(|path| suffix(path) == "png");
     output::write(&exr, console, || to_exr(frame, result.exr_type, result.header.clone()))?;
-    output::write(&png, console, || to_png(frame, result.exposure_factor, settings.background))
+    output::write(&png, console, || to_toned_png(frame, (result.exposure_factor, result.tone), settings.background))
 }

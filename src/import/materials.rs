@@ -1,22 +1,52 @@
 //! Media for the materials of a model, or in place of those of a scene, by name.
 
+use std::fmt;
 use std::path::PathBuf;
 
 use super::file::suffix;
 use crate::error::{Error, Result};
 use crate::geometry::mesh::material_indices;
 use crate::geometry::part_table::PartEntry;
+use crate::medium::inversion::Reflector;
+use crate::medium::look::{Found, Look};
 use crate::medium::material::{Material, Medium, Overrides};
+use crate::medium::material_file::Chosen;
 use crate::scene::Scene;
 
 /// Optical properties as named by a user.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Default)]
 pub struct MaterialChoice {
     /// Measured materials or TOML files; with `NAME=` in front, for that material of the model or part of the scene,
     /// otherwise for all others.
     pub texts: Vec<String>,
     /// Properties that replace those of the material without a name.
     pub overrides: Overrides,
+    /// A look in place of that material's coefficients.
+    pub look: Look,
+    /// What looks are inverted through.
+    pub reflector: Reflector,
+}
+
+/// Looks stand only where some are asked for, and what they are inverted through is a matter of the profile and the
+/// model: assets keep a hash of this text as their request.
+impl fmt::Debug for MaterialChoice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut text = f.debug_struct("MaterialChoice");
+        text.field("texts", &self.texts).field("overrides", &self.overrides);
+        if !self.look.is_empty() {
+            text.field("look", &self.look);
+        }
+        text.finish()
+    }
+}
+
+/// A look that was asked for, and what became of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AskedLook {
+    /// Name of the medium.
+    pub name: String,
+    /// What was asked for, and the medium that is nearest.
+    pub found: Found,
 }
 
 /// Media of a model, and the assignment of its materials to them.
@@ -27,6 +57,26 @@ pub struct ModelMedia {
     pub by_name: Vec<(String, u32)>,
     /// Index of the medium of all other materials.
     pub rest: u32,
+    /// The looks among them.
+    pub looks: Vec<AskedLook>,
+}
+
+/// The media of a scene after a choice.
+pub struct SceneMedia {
+    /// Each medium of the scene.
+    pub media: Vec<Medium>,
+    /// The looks among them.
+    pub looks: Vec<AskedLook>,
+}
+
+/// The looks that were asked for, each once.
+fn looks<'a>(chosen: impl IntoIterator<Item = &'a Chosen>) -> Vec<AskedLook> {
+    let mut looks: Vec<AskedLook> = Vec::new();
+    for Chosen { material, look } in chosen {
+        let look = look.map(|found| AskedLook { name: material.name.clone(), found });
+        looks.extend(look.filter(|look| !looks.contains(look)));
+    }
+    looks
 }
 
 impl From<Material> for Medium {
@@ -38,7 +88,7 @@ impl From<Material> for Medium {
 impl MaterialChoice {
     /// One measured material or TOML file for everything.
     pub fn plain(text: &str) -> Self {
-        Self { texts: vec![text.to_owned()], overrides: Overrides::default() }
+        Self { texts: vec![text.to_owned()], ..Self::default() }
     }
 
     /// The material files among the texts.
@@ -60,12 +110,14 @@ impl MaterialChoice {
             });
             known as u32
         };
-        let plain = self.without_name()?.map(&mut index_of);
+        let (plain, named) = (self.without_name()?, self.named()?);
+        let looks = looks(plain.iter().chain(named.iter().map(|(_, chosen)| chosen)));
+        let plain = plain.map(|chosen| index_of(chosen.material.into()));
         let by_name: Vec<(String, u32)> =
-            self.named()?.into_iter().map(|(name, medium)| (name, index_of(medium))).collect();
+            named.into_iter().map(|(name, chosen)| (name, index_of(chosen.material.into()))).collect();
         let Some(rest) = plain.or_else(|| by_name.first().map(|(_, index)| *index)) else {
             return Err(Error::command_line(
-                "what is it made of? say for example --material marble (see `translux materials`), or --sigma-s and --sigma-a",
+                "what is it made of? say for example --material marble (see `translux materials`), --color '#e8c4b0' --radius-mm 1, or --sigma-s and --sigma-a",
             ));
         };
         let named: Vec<String> = by_name.iter().map(|(name, _)| name.clone()).collect();
@@ -77,7 +129,7 @@ impl MaterialChoice {
                 "no material for {left}: add a plain --material for the rest, or --opaque or --skip them"
             )));
         }
-        Ok(ModelMedia { media, by_name, rest })
+        Ok(ModelMedia { media, by_name, rest, looks })
     }
 
     /// The media of a scene after this choice; none where the choice is empty.
@@ -86,23 +138,26 @@ impl MaterialChoice {
     ///
     /// # Errors
     /// Unknown names, and a name of one part among several that share a medium.
-    pub fn of_scene(&self, scene: &Scene) -> Result<Option<Vec<Medium>>> {
-        if self.texts.is_empty() && !self.overrides.is_empty() {
+    pub fn of_scene(&self, scene: &Scene) -> Result<Option<SceneMedia>> {
+        if self.texts.is_empty() && self.changes() {
             let changed = |m: &Medium| {
                 let base = Material { name: m.name.clone(), properties: m.properties };
-                Material::from_flags(Some(base), &self.overrides).map(Medium::from)
+                Chosen::from_flags(Some(base.into()), &self.overrides, &self.look, &self.reflector)
             };
-            return scene.media.iter().map(changed).collect::<Result<_>>().map(Some);
+            let chosen: Vec<Chosen> = scene.media.iter().map(changed).collect::<Result<_>>()?;
+            let looks = looks(&chosen);
+            return Ok(Some(SceneMedia { media: chosen.into_iter().map(|c| c.material.into()).collect(), looks }));
         }
         let (plain, named) = (self.without_name()?, self.named()?);
         if plain.is_none() && named.is_empty() {
             return Ok(None);
         }
+        let looks = looks(plain.iter().chain(named.iter().map(|(_, chosen)| chosen)));
         let mut media = scene.media.clone();
         if let Some(plain) = plain {
-            media.fill(plain);
+            media.fill(plain.material.into());
         }
-        for (name, medium) in named {
+        for (name, chosen) in named {
             let Some(index) = medium_named(scene, &name)? else {
                 let mut known: Vec<&str> = scene.parts.parts.iter().map(|p| p.name.as_str()).collect();
                 known.extend(scene.media.iter().map(|m| m.name.as_str()));
@@ -111,30 +166,35 @@ impl MaterialChoice {
                     "--material {name}=...: no such part or medium; there are {known}"
                 )));
             };
-            media[index] = medium;
+            media[index] = chosen.material.into();
         }
-        Ok(Some(media))
+        Ok(Some(SceneMedia { media, looks }))
+    }
+
+    /// Returns whether the material without a name is changed, or made of nothing.
+    fn changes(&self) -> bool {
+        !self.overrides.is_empty() || !self.look.is_empty()
     }
 
     /// The material without a name, if any.
-    fn without_name(&self) -> Result<Option<Medium>> {
+    fn without_name(&self) -> Result<Option<Chosen>> {
         let plain: Vec<&String> = self.texts.iter().filter(|m| !m.contains('=')).collect();
         if let [_, second, ..] = plain[..] {
             return Err(Error::command_line(format!(
                 "--material {second}: a second one without NAME=; only one material can be the rest's"
             )));
         }
-        let base = plain.first().map(|text| Material::from_argument(text)).transpose()?;
-        if base.is_none() && self.overrides.is_empty() {
+        let base = plain.first().map(|text| Chosen::from_argument(text, &self.reflector)).transpose()?;
+        if base.is_none() && !self.changes() {
             return Ok(None);
         }
-        Ok(Some(Material::from_flags(base, &self.overrides)?.into()))
+        Chosen::from_flags(base, &self.overrides, &self.look, &self.reflector).map(Some)
     }
 
     /// The materials with a name.
-    fn named(&self) -> Result<Vec<(String, Medium)>> {
+    fn named(&self) -> Result<Vec<(String, Chosen)>> {
         let named = self.texts.iter().filter_map(|text| text.split_once('='));
-        named.map(|(name, text)| Ok((name.to_owned(), Material::from_argument(text)?.into()))).collect()
+        named.map(|(name, text)| Ok((name.to_owned(), Chosen::from_argument(text, &self.reflector)?))).collect()
     }
 }
 

@@ -25,7 +25,7 @@ pub mod materials;
 use std::path::{Path, PathBuf};
 
 use self::file::{Input, files_of, read_model};
-use self::materials::MaterialChoice;
+use self::materials::{AskedLook, MaterialChoice};
 use crate::error::{Error, Result};
 use crate::geometry::check::{self, MeanFreePath, MeshCheck};
 use crate::geometry::mesh::{Mesh, Scale, resolve_scale, skip_materials};
@@ -94,6 +94,8 @@ pub struct Imported {
     pub check: MeshCheck,
     /// Oddities of the files, one line each; those of the mesh are [`MeshCheck::faults`] and [`MeshCheck::warnings`].
     pub warnings: Vec<String>,
+    /// Looks that were asked for, and the media that have them or come nearest.
+    pub looks: Vec<AskedLook>,
 }
 
 /// Reads a model and makes a scene of it.
@@ -148,7 +150,7 @@ impl Source {
         skip_materials(&mut model, &options.skip)?;
         let media = options.materials.of_model(&model.materials, &translucent(&model, &options.opaque))?;
         let roles = MaterialRoles::resolve(&model.materials, &media.by_name, media.rest, &options.opaque)?;
-        let media = media.media;
+        let (media, looks) = (media.media, media.looks);
         let placement = resolve_scale(&model, options.scale)?;
         let (scene, check, notes) = stage(progress, "mesh", || -> Result<_> {
             let (mut mesh, mut repairs) = Mesh::from_source(model, &placement)?;
@@ -172,7 +174,7 @@ impl Source {
             None => "the file's".to_owned(),
         };
         let origin = Origin { inputs, source_unit, mm_per_source_unit: placement.mm_per_unit, notes };
-        Ok(Imported { scene, origin, check, warnings })
+        Ok(Imported { scene, origin, check, warnings, looks })
     }
 }
 

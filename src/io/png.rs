@@ -6,9 +6,9 @@ use std::path::Path;
 use image::codecs::png::{CompressionType, FilterType, PngDecoder, PngEncoder};
 use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, Limits};
 
-use super::colour::{linear_from_srgb, srgb_from_linear};
 use super::picture::{MAX_DECODED_BYTES, check_size, read_capped};
 use crate::error::{Error, Result};
+use crate::math::srgb::{linear_from_srgb, srgb_from_linear};
 
 /// A PNG picture as linear sRGB.
 #[derive(Clone, Debug, PartialEq)]

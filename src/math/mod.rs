@@ -14,5 +14,6 @@ pub(crate) mod slices;
 pub mod sparse;
 pub mod sphere;
 pub mod spherical_rectangle;
+pub mod srgb;
 pub mod statistics;
 pub mod svd;

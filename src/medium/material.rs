@@ -133,7 +133,7 @@ pub struct Material {
     pub properties: OpticalProperties,
 }
 
-/// A measured material (Jensen et al. 2001): sigma_s' and sigma_a in 1/mm, eta, published diffuse reflectance.
+/// A material that the program knows by name: sigma_s' and sigma_a in 1/mm, eta.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Preset {
     /// Name on the command line.
@@ -144,8 +144,23 @@ pub struct Preset {
     pub sigma_a_per_mm: [f64; 3],
     /// Refractive index inside over outside.
     pub eta_inside_over_outside: f64,
-    /// Diffuse reflectance that was published with the measurement, two digits.
-    pub published_reflectance: [f64; 3],
+    /// Where the numbers are from.
+    pub origin: PresetOrigin,
+}
+
+/// Where the numbers of a preset are from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PresetOrigin {
+    /// Measured (Jensen et al. 2001).
+    Measured {
+        /// Diffuse reflectance that was published with the measurement, two digits.
+        published_reflectance: [f64; 3],
+    },
+    /// Chosen by eye, for a colour and mean free paths; no measurement of such a thing.
+    ByEye {
+        /// The colour under constant light by the dipole, as [`crate::math::srgb::linear_from_hex`] reads it.
+        colour: &'static str,
+    },
 }
 
 impl Preset {
@@ -154,15 +169,25 @@ impl Preset {
         scattering: [f64; 3],
         absorption: [f64; 3],
         eta: f64,
-        published: [f64; 3],
+        published_reflectance: [f64; 3],
     ) -> Self {
         Self {
             name,
             sigma_s_reduced_per_mm: scattering,
             sigma_a_per_mm: absorption,
             eta_inside_over_outside: eta,
-            published_reflectance: published,
+            origin: PresetOrigin::Measured { published_reflectance },
         }
+    }
+
+    const fn by_eye(
+        name: &'static str,
+        scattering: [f64; 3],
+        absorption: [f64; 3],
+        eta: f64,
+        colour: &'static str,
+    ) -> Self {
+        Self { origin: PresetOrigin::ByEye { colour }, ..Self::new(name, scattering, absorption, eta, [0.0; 3]) }
     }
 
     /// Optical properties of the preset; the measurement gives sigma_s', so g is 0.
@@ -198,6 +223,22 @@ pub const PRESETS: [Preset; 12] = [
     Preset::new("wholemilk", [2.55, 3.21, 3.77], [0.0011, 0.0024, 0.014], 1.3, [0.91, 0.88, 0.76]),
 ];
 
+/// Materials that were chosen by eye, in alphabetical order: coefficients of three digits for the colour beside them.
+#[rustfmt::skip]
+pub const BY_EYE: [Preset; 6] = [
+    Preset::by_eye("candle", [0.417, 0.587, 0.968], [6.28e-05, 0.00168, 0.0319], 1.44, "#eed8aa"),
+    Preset::by_eye("jade", [1.43, 0.884, 1.12], [0.387, 0.0252, 0.217], 1.61, "#6fa578"),
+    Preset::by_eye("leaf", [7.6, 5.64, 4.6], [2.4, 0.612, 9.69], 1.42, "#6d8c35"),
+    Preset::by_eye("milk-glass", [2.0, 2.17, 2.38], [0.000288, 0.000174, 0.000261], 1.52, "#eceeed"),
+    Preset::by_eye("soap", [1.0, 1.18, 1.53], [6.59e-05, 0.000961, 0.00765], 1.46, "#f0e4cf"),
+    Preset::by_eye("wax", [0.667, 0.832, 1.17], [0.000164, 0.00129, 0.00842], 1.44, "#ecdfca"),
+];
+
+/// All materials that the program knows by name, the measured ones first.
+pub fn presets() -> impl Iterator<Item = &'static Preset> {
+    PRESETS.iter().chain(&BY_EYE)
+}
+
 /// The dipoles of every channel of the measured materials, with the published boundary.
 pub(crate) fn preset_dipoles() -> impl Iterator<Item = Dipole> {
     PRESETS.iter().flat_map(|preset| preset.properties().dipoles(BoundaryFit::Published))
@@ -205,7 +246,7 @@ pub(crate) fn preset_dipoles() -> impl Iterator<Item = Dipole> {
 
 /// The preset of that name; letter case does not matter.
 pub fn preset(name: &str) -> Option<&'static Preset> {
-    PRESETS.iter().find(|preset| preset.name.eq_ignore_ascii_case(name))
+    presets().find(|preset| preset.name.eq_ignore_ascii_case(name))
 }
 
 /// Properties that replace parts of a material, or make one from nothing.
@@ -261,8 +302,7 @@ fn missing(what: &str, symbol: &str) -> Error {
 /// Message for a name without a preset: lists the similar names, or all.
 pub(super) fn unknown_preset(name: &str) -> String {
     let wanted = name.to_ascii_lowercase();
-    let mut near: Vec<(usize, &str)> = PRESETS
-        .iter()
+    let mut near: Vec<(usize, &str)> = presets()
         .map(|preset| (edit_distance(&wanted, preset.name), preset.name))
         .filter(|(distance, known)| {
             *distance <= 2.max(known.len() / 3)
@@ -272,7 +312,7 @@ pub(super) fn unknown_preset(name: &str) -> String {
     near.sort_unstable();
     let names: Vec<&str> = near.iter().take(3).map(|(_, known)| *known).collect();
     if names.is_empty() {
-        let all: Vec<&str> = PRESETS.iter().map(|preset| preset.name).collect();
+        let all: Vec<&str> = presets().map(|preset| preset.name).collect();
         format!("no material is called '{name}'; there are {}, or give a path that ends in .toml", all.join(", "))
     } else {
         format!("no material is called '{name}'; did you mean {}?", names.join(" or "))

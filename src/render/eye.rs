@@ -1,5 +1,7 @@
 //! Eye rays: their hits, and the radiance along them.
 
+use std::f64::consts::FRAC_1_PI;
+
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
@@ -7,15 +9,17 @@ use super::background::Backdrop;
 use super::exit::ExitRadiance;
 use super::glossy_lights::{GlossyLights, Place, ShadowRays};
 use super::highlight::Highlight;
+use super::matte::{Irradiance, MatteLights, MatteRays, Spot as MatteSpot};
 use super::normals::ShadingNormals;
 use super::pixel_samples::{PixelSamples, Stream};
 use super::seen::{Seen, shared_within_mm};
-use super::settings::{EMPTY, Pixel, RenderSettings, Specular};
+use super::settings::{EMPTY, Ground, Pixel, RenderSettings, Specular};
 use super::single::{EyeRay, Scattered, SingleRadiance, Spot};
 use super::texture::Texture;
 use crate::evaluate::exitance::{Exitance, MeshPoint};
 use crate::geometry::bvh::{Bvh, Hit, Ray};
 use crate::light::Light;
+use crate::medium::fresnel::diffuse_transmittance;
 use crate::medium::material::Medium;
 use crate::progress::Progress;
 use crate::scene::Scene;
@@ -28,6 +32,9 @@ const RAYS_TOGETHER: usize = 16;
 /// Least ratio of exit cosine to geometric cosine: a smooth normal may face away from the eye near the outline of a
 /// coarse mesh, where Fresnel's factor would make whole triangles black.
 pub(crate) const LEAST_COSINE_SHARE: f64 = 0.5;
+
+/// Refractive index of the boundary of opaque parts: plastics and lacquers.
+const OPAQUE_ETA: f64 = 1.5;
 
 /// Most eye rays whose points are asked for their exitance together, but for pixels with more: enough for full groups of
 /// neighbours, few enough for every thread to hold them.
@@ -67,7 +74,12 @@ struct Sum {
     single: DVec3,
     specular: DVec3,
     albedo: DVec3,
+    matte: DVec3,
     background: DVec3,
+    /// Background where eye rays meet the ground, the light there with the object and without, and the number of these rays.
+    ground: DVec3,
+    ground_light: Irradiance,
+    ground_rays: u32,
     glare: DVec3,
     normal: DVec3,
     depth_mm: f64,
@@ -86,17 +98,29 @@ impl Sum {
         }
     }
 
+    /// The background with the object's shadow on the ground, and the share of the pixel's rays that the shadow takes.
+    fn shadowed(&self, share: f64) -> (DVec3, f32) {
+        let Irradiance { lit, open } = self.ground_light;
+        let left = |lit: f64, open: f64| if open > 0.0 { lit / open } else { 1.0 };
+        let ratio = DVec3::new(left(lit.x, open.x), left(lit.y, open.y), left(lit.z, open.z));
+        let shadow = (1.0 - left(lit.element_sum(), open.element_sum())).clamp(0.0, 1.0);
+        (self.background + ratio * self.ground, (shadow * f64::from(self.ground_rays) * share) as f32)
+    }
+
     fn pixel(&self, samples: u32) -> Pixel {
         let share = 1.0 / f64::from(samples);
+        let (background, shadow) = self.shadowed(share);
         if self.hits == 0 {
-            return Pixel { beauty: narrow(self.background * share), glare: narrow(self.glare * share), ..EMPTY };
+            return Pixel { beauty: narrow(background * share), glare: narrow(self.glare * share), shadow, ..EMPTY };
         }
         let most = self.parts.iter().max_by_key(|(part, hits)| (*hits, std::cmp::Reverse(*part)));
         Pixel {
-            beauty: narrow((self.diffuse + self.single + self.specular + self.background) * share),
+            beauty: narrow((self.diffuse + self.single + self.specular + self.matte + background) * share),
             diffuse: narrow(self.diffuse * share),
             single: narrow(self.single * share),
             specular: narrow(self.specular * share),
+            matte: narrow(self.matte * share),
+            shadow,
             albedo: narrow(self.albedo * share),
             glare: narrow(self.glare * share),
             normal: narrow(self.normal.normalize_or_zero()),
@@ -141,6 +165,12 @@ pub(super) struct Renderer<'a> {
     settings: &'a RenderSettings,
     backdrop: Backdrop<'a>,
     lights: GlossyLights,
+    matte_lights: MatteLights,
+    /// Radiance of opaque parts for an albedo and an irradiance of 1, and how their boundary reflects.
+    opaque_response: f64,
+    opaque_highlight: Option<Highlight>,
+    /// Height of the ground in the mesh's local coordinates.
+    ground_mm: Option<f64>,
     normals: ShadingNormals,
     samples: PixelSamples,
     /// The boundary of each medium.
@@ -150,6 +180,24 @@ pub(super) struct Renderer<'a> {
     /// A sphere around the mesh in its local coordinates.
     centre: DVec3,
     radius_mm: f64,
+}
+
+/// What a matte point makes of the light on it.
+#[derive(Clone, Copy)]
+enum Matte {
+    /// An opaque part: radiance for an irradiance of 1.
+    Opaque(DVec3),
+    /// The ground in front of this background.
+    Ground(DVec3),
+}
+
+/// What an eye ray meets.
+struct Met {
+    from_behind: bool,
+    /// The point that reflects the lights, if any.
+    place: Option<Place>,
+    /// The point of an opaque part.
+    matte: Option<(MatteSpot, DVec3)>,
 }
 
 /// Working memory for a group of pixels; one for each tile.
@@ -166,6 +214,10 @@ struct Desk {
     of_place: Vec<u32>,
     reflected: Vec<DVec3>,
     shadow: ShadowRays,
+    /// Matte points, and the eye rays that see them with what they make of light.
+    spots: Vec<MatteSpot>,
+    of_spot: Vec<(u32, Matte)>,
+    matte: MatteRays,
     /// Points whose exitance is not asked for yet.
     seen: Seen,
 }
@@ -188,6 +240,8 @@ impl<'a> Renderer<'a> {
             }
         };
         let reflecting = if settings.specular == Specular::Off { &[] } else { lights };
+        let opaque_highlight = settings.specular.highlight(OPAQUE_ETA);
+        let entering = if opaque_highlight.is_some() { diffuse_transmittance(OPAQUE_ETA) } else { 1.0 };
         Self {
             scene,
             bvh,
@@ -200,6 +254,10 @@ impl<'a> Renderer<'a> {
             settings,
             backdrop: Backdrop::new(settings.background, lights),
             lights: GlossyLights::new(reflecting, scene.mesh.origin_mm, settings.samples_per_pixel),
+            matte_lights: MatteLights::new(lights, scene.mesh.origin_mm, settings.samples_per_pixel),
+            opaque_response: entering * FRAC_1_PI,
+            opaque_highlight,
+            ground_mm: (settings.ground == Ground::Shadow).then_some(min.y),
             normals: ShadingNormals::new(scene),
             samples: PixelSamples::new(settings.samples_per_pixel),
             boundaries: scene.media.iter().map(boundary).collect(),
@@ -274,13 +332,19 @@ impl<'a> Renderer<'a> {
                 None
             };
             let ray = |hit: Hit| {
-                let (x, y) = pixels[index / samples];
-                let pixel = (y * self.settings.resolution.width + x) as u64;
-                let ray = EyeRay { pixel, sample: (index % samples) as u32, of: samples as u32 };
+                let (pixel, sample) = self.ray(pixels, index);
+                let ray = EyeRay { pixel, sample, of: samples as u32 };
                 self.shade(&hit, *direction, ray, sum, &mut desk.seen)
             };
-            let Some((from_behind, place)) = hit.and_then(ray) else {
+            let Some(Met { from_behind, place, matte }) = hit.and_then(ray) else {
                 let radiance = self.backdrop.radiance(*direction);
+                if let Some(at_mm) = self.ground_at(*direction) {
+                    let (triangle, normal, geometric) = (u32::MAX, DVec3::Y, DVec3::Y);
+                    let (pixel, sample) = self.ray(pixels, index);
+                    desk.spots.push(MatteSpot { at_mm, triangle, geometric, normal, pixel, sample });
+                    desk.of_spot.push((index as u32, Matte::Ground(radiance)));
+                    continue;
+                }
                 sum.background += radiance;
                 sum.glare += (radiance - self.settings.white).max(DVec3::ZERO);
                 continue;
@@ -291,9 +355,50 @@ impl<'a> Renderer<'a> {
                 desk.places.push(place);
                 desk.of_place.push(index as u32);
             }
+            if let Some((spot, response)) = matte {
+                desk.spots.push(spot);
+                desk.of_spot.push((index as u32, Matte::Opaque(response)));
+            }
         }
         self.reflect(pixels, sums, desk);
+        self.light_matte(sums, desk);
         counts
+    }
+
+    /// Pixel of an eye ray of a group, and its number there.
+    fn ray(&self, pixels: &[(usize, usize)], index: usize) -> (u64, u32) {
+        let samples = self.settings.samples_per_pixel as usize;
+        let (x, y) = pixels[index / samples];
+        ((y * self.settings.resolution.width + x) as u64, (index % samples) as u32)
+    }
+
+    /// Where an eye ray that meets nothing else meets the ground from above.
+    fn ground_at(&self, direction: DVec3) -> Option<DVec3> {
+        let distance = (self.ground_mm? - self.eye.y) / direction.y;
+        let at_mm = self.eye + direction * distance;
+        (direction.y < 0.0 && distance > 0.0 && at_mm.is_finite()).then_some(at_mm)
+    }
+
+    /// Adds what the matte points on the desk make of the light, and clears them.
+    fn light_matte(&self, sums: &mut [Sum], desk: &mut Desk) {
+        if desk.spots.is_empty() {
+            return;
+        }
+        let samples = self.settings.samples_per_pixel as usize;
+        let light = self.matte_lights.irradiance(self.bvh, &desk.spots, &mut desk.matte);
+        for (Irradiance { lit, open }, (ray, matte)) in light.into_iter().zip(desk.of_spot.drain(..)) {
+            let sum = &mut sums[ray as usize / samples];
+            match matte {
+                Matte::Opaque(response) => sum.matte += lit * response,
+                Matte::Ground(background) => {
+                    sum.ground += background;
+                    sum.ground_light.lit += lit;
+                    sum.ground_light.open += open;
+                    sum.ground_rays += 1;
+                }
+            }
+        }
+        desk.spots.clear();
     }
 
     /// Casts the eye rays of some pixels and finds their hits.
@@ -357,16 +462,9 @@ impl<'a> Renderer<'a> {
         desk.of_place.clear();
     }
 
-    /// Adds what an eye ray sees to a sum, or to what was seen where its exitance is asked for later; returns whether it
-    /// is a back side, and the point that reflects the lights, if any.
-    fn shade(
-        &self,
-        hit: &Hit,
-        direction: DVec3,
-        ray: EyeRay,
-        sum: &mut Sum,
-        seen: &mut Seen,
-    ) -> Option<(bool, Option<Place>)> {
+    /// Adds what an eye ray sees to a sum, or to what was seen where its exitance is asked for later; returns what else it
+    /// meets.
+    fn shade(&self, hit: &Hit, direction: DVec3, ray: EyeRay, sum: &mut Sum, seen: &mut Seen) -> Option<Met> {
         let Scene { mesh, parts, .. } = self.scene;
         let vertices = *mesh.triangles.get(hit.triangle as usize)?;
         let (u, v) = (f64::from(hit.u), f64::from(hit.v));
@@ -384,10 +482,22 @@ impl<'a> Renderer<'a> {
         sum.depth_mm += (point - self.eye).dot(self.settings.camera.forward());
         sum.hits += 1;
         sum.count(part);
-        let Some(boundary) = boundary.filter(|_| cos_geometric > 0.0) else {
-            return Some((cos_geometric <= 0.0, None));
-        };
         let least = LEAST_COSINE_SHARE * cos_geometric;
+        let (triangle, lobe, light) = (hit.triangle, DVec2::ZERO, DVec2::ZERO);
+        let Some(boundary) = boundary.filter(|_| cos_geometric > 0.0) else {
+            let from_behind = cos_geometric <= 0.0;
+            let Some(opaque) = self.settings.opaque.filter(|_| !from_behind) else {
+                return Some(Met { from_behind, place: None, matte: None });
+            };
+            let to_eye = -direction;
+            let normal = facing(normal, to_eye, least).unwrap_or(geometric);
+            let own = self.texture.filter(|texture| texture.path().is_some());
+            let base = own.map_or(opaque, |t| t.albedo(mesh, hit.triangle, weights, point));
+            let spot = MatteSpot { at_mm: point, triangle, geometric, normal, pixel: ray.pixel, sample: ray.sample };
+            let reflecting = |highlight| Place { point, triangle, geometric, normal, to_eye, highlight, lobe, light };
+            let place = self.opaque_highlight.map(reflecting);
+            return Some(Met { from_behind: false, place, matte: Some((spot, base * self.opaque_response)) });
+        };
         let cosine = (-normal.dot(direction)).max(least);
         let place = MeshPoint { triangle: hit.triangle, vertices, barycentric: weights, at_mm: point };
         let exit_radiance = boundary.exit.per_radiosity(cosine);
@@ -409,9 +519,8 @@ impl<'a> Renderer<'a> {
             }
         }
         sum.single += single;
-        let (triangle, lobe, light) = (hit.triangle, DVec2::ZERO, DVec2::ZERO);
         let reflecting = |highlight| Place { point, triangle, geometric, normal, to_eye, highlight, lobe, light };
-        Some((false, boundary.highlight.map(reflecting)))
+        Some(Met { from_behind: false, place: boundary.highlight.map(reflecting), matte: None })
     }
 }
 

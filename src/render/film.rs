@@ -2,10 +2,13 @@
 
 use std::str::FromStr;
 
+use glam::DVec3;
+
 use super::background::Background;
 use super::camera::Resolution;
-use super::frame::{ExitanceAt, Frame, Pixel, RenderSettings, SingleLayer, Specular, render};
+use super::frame::{ExitanceAt, Frame, Ground, Pixel, RenderSettings, SingleLayer, Specular, render};
 use super::single::Scattered;
+use super::tone::Tone;
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::io::exr_write::{ExrChannel, ExrImage, ExrLayer, MAX_HALF, SampleKind};
@@ -85,6 +88,7 @@ impl Exposure {
             samples_per_pixel: 1,
             specular: Specular::Off,
             background: Background::None,
+            ground: Ground::None,
             ..*settings
         };
         Ok(self.factor(&render(evaluator, scattered, &[], &small, &Silent)?).recip())
@@ -105,27 +109,39 @@ pub(crate) fn white_of(mut values: Vec<f64>) -> Option<f64> {
     Some(*value)
 }
 
-/// Encodes an 8-bit sRGB PNG of the beauty without its glare, times `factor`; transparent and not multiplied by alpha where
-/// there is no background.
+/// [`to_toned_png`] without a curve.
 ///
 /// # Errors
 /// As [`encode_png`].
 pub fn to_png(frame: &Frame, factor: f64, background: Background) -> Result<Vec<u8>> {
+    to_toned_png(frame, (factor, Tone::None), background)
+}
+
+/// Encodes an 8-bit sRGB PNG of the beauty without its glare, times `factor` and through a tone curve; transparent and not
+/// multiplied by alpha where there is no background.
+///
+/// # Errors
+/// As [`encode_png`].
+pub fn to_toned_png(frame: &Frame, (factor, tone): (f64, Tone), background: Background) -> Result<Vec<u8>> {
     let Resolution { width, height } = frame.resolution;
     let expose = |c: f32, factor: f64| match f64::from(c) * factor {
         // Black stays black under a factor that overflowed.
-        v if v > 0.0 => v.min(1.0) as f32,
+        v if v > 0.0 => v.min(f64::MAX),
         _ => 0.0,
     };
-    let exposed = |v: [f32; 3], factor: f64| v.map(|c| expose(c, factor));
+    let exposed = |v: [f32; 3], factor: f64| {
+        tone.shown(DVec3::from_array(v.map(|c| expose(c, factor)))).to_array().map(|c| c as f32)
+    };
     let opaque = background != Background::None;
     let shown = |p: &Pixel| match p.coverage {
         _ if opaque => exposed(without_glare(p, p.beauty), factor),
-        c if c > 0.0 => exposed(without_glare(p, object(p)), factor / f64::from(c)),
+        c if c > 0.0 => exposed(without_glare(p, object(p)), factor / f64::from(c + p.shadow)),
         _ => [0.0; 3],
     };
     let rgb: Vec<[f32; 3]> = frame.pixels.iter().map(shown).collect();
-    let alpha: Option<Vec<f32>> = (!opaque).then(|| frame.pixels.iter().map(|p| p.coverage).collect());
+    // A shadow is black that covers what comes behind, beside the object.
+    let covered = |p: &Pixel| (p.coverage + p.shadow).min(1.0);
+    let alpha: Option<Vec<f32>> = (!opaque).then(|| frame.pixels.iter().map(covered).collect());
     encode_png(width, height, &rgb, alpha.as_deref())
 }
 
@@ -160,13 +176,15 @@ pub fn side_by_side(pictures: &[(Frame, f64)]) -> Result<Frame> {
         exitance: pictures.first().map_or_else(ExitanceAt::default, |(frame, _)| frame.exitance),
         single: SingleLayer::None,
         textured: false,
+        has_matte: false,
+        has_ground: false,
     })
 }
 
 /// Radiance of the object without the background, multiplied by the coverage.
 fn object(p: &Pixel) -> [f32; 3] {
     let scattered = scattered(p);
-    std::array::from_fn(|c| (scattered[c] + p.specular[c]).min(f32::MAX))
+    std::array::from_fn(|c| (scattered[c] + p.specular[c] + p.matte[c]).min(f32::MAX))
 }
 
 /// Radiance from inside the object, multiplied by the coverage.
@@ -202,7 +220,8 @@ impl ColourType {
 /// Encodes an OpenEXR picture of linear radiance, never exposed, with `attributes` (name, text) in its header.
 ///
 /// Layers of colour, stored as asked: the beauty as `R`, `G`, `B` with the coverage as `A`; `diffuse.R`, `.G`, `.B`;
-/// `single.R`, `.G`, `.B` if there is single scattering; `specular.R`, `.G`, `.B`; `albedo.R`, `.G`, `.B` if there is a
+/// `single.R`, `.G`, `.B` if there is single scattering; `specular.R`, `.G`, `.B`; `opaque.R`, `.G`, `.B` if there are opaque
+/// parts; `shadow.A` with a ground; `albedo.R`, `.G`, `.B` if there is a
 /// texture, which is in the other layers already. Layers of data, always 32 bits (see [`Pixel`]): `normal.X`, `.Y`,
 /// `.Z`; `depth.Z` in mm along the viewing axis; `coverage.A`; `part.ID`, a whole number.
 ///
@@ -230,6 +249,12 @@ pub fn to_exr(frame: &Frame, colours: ColourType, attributes: Vec<(String, Strin
         layers.push(layer("single", triple(rgb, colour, |p| p.single)));
     }
     layers.push(layer("specular", triple(rgb, colour, |p| p.specular)));
+    if frame.has_matte {
+        layers.push(layer("opaque", triple(rgb, colour, |p| p.matte)));
+    }
+    if frame.has_ground {
+        layers.push(layer("shadow", vec![channel("A", SampleKind::Float, &|p| p.shadow)]));
+    }
     if frame.textured {
         layers.push(layer("albedo", triple(rgb, colour, |p| p.albedo)));
     }
@@ -260,6 +285,8 @@ mod tests {
             exitance: ExitanceAt::Vertices,
             single: SingleLayer::None,
             textured: false,
+            has_matte: false,
+            has_ground: false,
         }
     }
 

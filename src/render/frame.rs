@@ -2,7 +2,9 @@
 
 use rayon::prelude::*;
 
-pub use super::settings::{DEFAULT_SAMPLES_PER_PIXEL, MAX_SAMPLES_PER_PIXEL, Pixel, RenderSettings, Specular};
+pub use super::settings::{
+    DEFAULT_OPAQUE, DEFAULT_SAMPLES_PER_PIXEL, Ground, MAX_SAMPLES_PER_PIXEL, Pixel, RenderSettings, Specular,
+};
 
 use super::camera::Resolution;
 use super::eye::{Counts, Renderer, TILE};
@@ -59,10 +61,14 @@ pub struct Frame {
     pub single: SingleLayer,
     /// Whether [`Pixel::albedo`] is that of a texture.
     pub textured: bool,
+    /// Whether [`Pixel::matte`] is that of opaque parts.
+    pub has_matte: bool,
+    /// Whether [`Pixel::shadow`] is that of a ground.
+    pub has_ground: bool,
 }
 
 /// Largest number of channels of a picture in a file.
-const CHANNELS: u64 = 22;
+const CHANNELS: u64 = 26;
 
 /// Upper bound on the bytes for rendering and writing a picture of this size, without the scene.
 pub fn memory_bytes(resolution: Resolution) -> u64 {
@@ -75,8 +81,9 @@ pub fn memory_bytes(resolution: Resolution) -> u64 {
 /// Exit radiance is that of [`super::exit::ExitRadiance`] with the shading normal, for the medium of the part that is
 /// hit; specular reflection that of [`super::highlight::Highlight`]: shadowed for directional, point and area lights,
 /// unshadowed for environments and constant lights. Single scattering leaves at the shading normal too. A texture
-/// multiplies both kinds of scattered light, and no reflection. Opaque parts, which have no optical properties, and
-/// back sides are black. The result does not depend on the number of threads.
+/// multiplies both kinds of scattered light, and no reflection. Opaque parts, which have no optical properties, are matte
+/// plastic where an albedo is given: a diffuse base with shadows of all lights, below a boundary of index 1.5. Back sides are
+/// black. The result does not depend on the number of threads.
 ///
 /// Exitance of vertices is interpolated; other exitance is asked for at the points that eye rays see, those of a tile
 /// together.
@@ -126,7 +133,9 @@ pub fn render<'a>(
         Single::TowardsEye(_) => SingleLayer::TowardsEye,
     };
     let (back_facing_share, textured) = (counts.share(), scattered.texture.is_some());
-    Ok(Frame { resolution, pixels, back_facing_share, exitance, single, textured })
+    let has_matte = settings.opaque.is_some() && scene.parts.parts.iter().any(|part| !part.transfers());
+    let has_ground = settings.ground != Ground::None;
+    Ok(Frame { resolution, pixels, back_facing_share, exitance, single, textured, has_matte, has_ground })
 }
 
 fn check(settings: &RenderSettings) -> Result<()> {

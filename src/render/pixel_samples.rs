@@ -23,6 +23,10 @@ pub(super) enum Stream {
     Lobe,
     /// Points of an area light that they sample.
     Light,
+    /// Points of lights that matte surfaces sample.
+    MatteLight,
+    /// Directions from matte surfaces.
+    MatteLobe,
 }
 
 /// The points of a pixel before they are scrambled.

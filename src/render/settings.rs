@@ -1,5 +1,7 @@
 //! Settings of a picture, and the values of its pixels.
 
+use glam::DVec3;
+
 use super::background::Background;
 use super::blinn_phong::{BlinnPhong, Exponent};
 use super::camera::{Camera, Resolution};
@@ -87,7 +89,26 @@ pub struct RenderSettings {
     /// The radiance that will be white where the picture is shown: the excess of single eye rays over it goes into
     /// [`Pixel::glare`]. Infinite where it is not known.
     pub white: f64,
+    /// Diffuse albedo of opaque parts, linear sRGB; the base colours of a texture with a file take its place. Without one they
+    /// are black, as the shaders of `relight` draw them.
+    pub opaque: Option<DVec3>,
+    /// Whether a matte plane under the object catches its shadow.
+    pub ground: Ground,
 }
+
+/// What is under the object.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Ground {
+    /// Nothing.
+    #[default]
+    None,
+    /// A level plane through the lowest point of the object, seen from above: the background times the share of the light
+    /// that the object leaves it. It sends no light to the object.
+    Shadow,
+}
+
+/// Default albedo of opaque parts.
+pub const DEFAULT_OPAQUE: f64 = 0.5;
 
 impl RenderSettings {
     /// The defaults for a camera and a size.
@@ -100,6 +121,8 @@ impl RenderSettings {
             background: Background::default(),
             specular: Specular::default(),
             white: f64::INFINITY,
+            opaque: None,
+            ground: Ground::None,
         }
     }
 }
@@ -107,7 +130,7 @@ impl RenderSettings {
 /// One pixel: means over its eye rays. Colours are linear sRGB radiance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pixel {
-    /// Diffuse, singly scattered and specular radiance where the object is, the background elsewhere.
+    /// Diffuse, singly scattered and specular radiance where the object is, the background elsewhere, in the object's shadow where there is a ground.
     pub beauty: [f32; 3],
     /// Diffuse radiance, 0 beside the object: multiplied by the coverage, as OpenEXR requires.
     pub diffuse: [f32; 3],
@@ -115,6 +138,11 @@ pub struct Pixel {
     pub single: [f32; 3],
     /// Specular radiance, multiplied by the coverage.
     pub specular: [f32; 3],
+    /// Diffuse radiance of opaque parts, multiplied by the coverage.
+    pub matte: [f32; 3],
+    /// Share of the pixel's light that the object's shadow on the ground takes from the background, of the brightest channel;
+    /// in a picture without a background, how dark the ground is there.
+    pub shadow: f32,
     /// Albedo of the texture that multiplied the scattered radiance, multiplied by the coverage; 0 without a texture.
     pub albedo: [f32; 3],
     /// Mean excess over white of the specular radiance, or of the background, of single eye rays. A highlight thinner
@@ -136,6 +164,8 @@ pub(super) const EMPTY: Pixel = Pixel {
     diffuse: [0.0; 3],
     single: [0.0; 3],
     specular: [0.0; 3],
+    matte: [0.0; 3],
+    shadow: 0.0,
     albedo: [0.0; 3],
     glare: [0.0; 3],
     normal: [0.0; 3],

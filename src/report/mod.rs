@@ -40,6 +40,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize, Serializer};
 
+use self::materials::LookReport;
 use crate::error::{Error, Result};
 
 /// Time that a stage took.
@@ -72,6 +73,9 @@ pub struct Timings {
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Run {
+    /// Looks that were asked for (`--color`, `--radius-mm`, or in material files) and what became of them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub looks: Vec<LookReport>,
     /// Warnings of the program, one line each.
     pub warnings: Vec<String>,
     /// What differs from run to run.

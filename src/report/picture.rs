@@ -13,6 +13,7 @@ use crate::render::exit::ExitFresnel;
 use crate::render::film::ColourType;
 use crate::render::frame::{ExitanceAt, SingleLayer};
 use crate::render::specular::Roughness;
+use crate::render::tone::Tone;
 use crate::scene::Scene;
 
 /// Report of a picture.
@@ -43,6 +44,10 @@ pub(crate) struct RenderReport {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) single_scattering_paths: Option<u64>,
     pub(crate) exr_type: ColourType,
+    /// Tone curve; PNG only.
+    pub(crate) tone: Tone,
+    /// Whether a plane under the object catches its shadow.
+    pub(crate) ground: bool,
     /// Exposure as asked for; PNG only.
     pub(crate) exposure: String,
     /// Factor on radiance in PNG colours, before the transfer curve.

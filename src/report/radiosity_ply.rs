@@ -6,8 +6,8 @@ use glam::DVec3;
 use crate::asset::Provenance;
 use crate::error::{Error, Result};
 use crate::geometry::mesh::Mesh;
-use crate::io::colour::srgb_from_linear;
 use crate::io::ply::{RadiosityPly, write_ply};
+use crate::math::srgb::srgb_from_linear;
 use crate::scene::Scene;
 
 /// Comment of files whose radiosity includes single scattering.

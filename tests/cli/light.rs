@@ -285,6 +285,45 @@ fn materials_come_from_files() {
     folder.run(&format!("reference {rest} c.ply --sigma-s 1")).fails(1, &["sigma_a"]);
 }
 
+/// A colour is what a furnace shows, where the body is flat on the scale of the radius; what becomes of it is told.
+#[test]
+fn materials_by_their_look_show_it() {
+    let folder = Folder::new();
+    folder.obj("ball.obj", &shapes::icosphere(8.0, 2));
+    folder.write("rose.toml", "color = \"#b08060\"\nradius_mm = 0.05\n");
+    let bake = "bake ball.obj --unit mm --method two_pass --samples 300 -o a.tlux --material rose.toml --json";
+    let report = folder.run(bake).ok().json();
+    let look = &report["looks"][0];
+    assert_eq!((&look["achieved_hex"], &look["reached"]), (&"#b08060".into(), &true.into()));
+    folder.run("evaluate a.tlux --light constant:radiance=1 -o b.ply").ok();
+    let asked: Vec<f64> = look["asked"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+    let asked = DVec3::from_slice(&asked);
+    assert!((asked.x - 0.434_15).abs() < 1e-5, "{asked}");
+    for seen in folder.radiosity("b.ply") {
+        let off = seen / (std::f64::consts::PI * asked) - 1.0;
+        assert!(off.abs().max_element() < 0.02, "{off}");
+    }
+    // Another look of an asset, and one out of reach.
+    let evaluate = "evaluate a.tlux --light constant:radiance=1 -o c.ply";
+    let told = folder.run(&format!("{evaluate} --color #80a0c0")).ok();
+    assert!(told.stderr.contains("LOOK rose*: asked #80a0c0 (0.216 0.352 0.527), achieved #80a0c0"), "{}", told.stderr);
+    let white = folder.run(&format!("{evaluate} --color #ffffff --json")).ok();
+    let report = white.json();
+    assert_eq!(report["looks"][0]["reached"], false);
+    assert!(report["warnings"][0].as_str().unwrap().contains("out of reach"), "{report}");
+    folder.run(&format!("{evaluate} --color #ffffff --strict")).fails(6, &["nearest is #f8f8f8"]);
+    for (options, fragment) in [
+        ("--color rose", "'#e8c4b0'"),
+        ("--radius-mm 0", "red channel is 0 mm"),
+        ("--radius-convention mm", "possible values"),
+        ("--radius-convention mfp", "neither a radius nor a colour"),
+        ("--color #80a0c0 --sigma-a 1", "give one of them"),
+    ] {
+        folder.run(&format!("{evaluate} {options}")).fails(1, &[fragment]);
+    }
+    folder.run(&format!("{evaluate} --color #80a0c0 --profile gaussians:skin")).fails(5, &["whatever the medium"]);
+}
+
 /// Pictures are compared like tables: equal, different, judged by a threshold.
 #[test]
 fn pictures_are_compared() {

@@ -207,6 +207,27 @@ fn the_header_says_what_made_the_picture() {
         assert!(ids.contains(&part));
     }
     assert!(ids.iter().zip(&coverage).all(|(id, coverage)| (*id > 0.0) == (*coverage > 0.0)));
+    // The opaque part is matte, and what is wax is not.
+    let line = "render two.tlux --light constant:radiance=2 --light directional:from=0,1,0.2:irradiance=3 --resolution 48x24 -q";
+    folder.run(&format!("{line} --opaque-color #804020 --ground --background none -o two.exr -o two.png")).ok();
+    let matte = ["R", "G", "B"].map(|channel| plane(&folder, "two.exr", &format!("opaque.{channel}")));
+    assert!(ids.iter().zip(&matte[0]).all(|(id, red)| *id == 0.0 || (*id == 2.0) == (*red > 0.0)));
+    let sums = matte.map(|values| values.iter().sum::<f32>());
+    assert!(sums[0] > 2.0 * sums[1] && sums[1] > 2.0 * sums[2], "{sums:?}");
+    let shadow = plane(&folder, "two.exr", "shadow.A");
+    assert!(shadow.iter().filter(|dark| **dark > 0.2).count() > 20);
+    let png = folder.png("two.png");
+    let covers = png.alpha.unwrap();
+    let off = |((alpha, shadow), coverage): ((&f32, &f32), &f32)| (alpha - (shadow + coverage).min(1.0)).abs();
+    assert!(covers.iter().zip(&shadow).zip(&coverage).map(off).fold(0.0, f32::max) < 0.003);
+    // Curves are for PNG alone.
+    let linear = |tone: &str| {
+        folder.run(&format!("{line} --tone {tone} -o {tone}.exr -o {tone}.png")).ok();
+        (plane(&folder, &format!("{tone}.exr"), "R"), folder.png(&format!("{tone}.png")).rgb)
+    };
+    let (none, agx) = (linear("none"), linear("agx"));
+    assert!(none.0 == agx.0 && none.1 != agx.1);
+    folder.run(&format!("{line} --tone aces -o a.png")).fails(1, &["none, filmic, agx"]);
 }
 
 #[test]

@@ -42,6 +42,10 @@ impl Folder {
         self.write(name, obj_text(model))
     }
 
+    pub fn png(&self, name: &str) -> PngImage {
+        decode_png(&self.read(name)).unwrap()
+    }
+
     pub fn names(&self) -> Vec<String> {
         let entries = std::fs::read_dir(self.0.path()).unwrap();
         let mut names: Vec<String> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();

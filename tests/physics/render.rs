@@ -24,7 +24,7 @@ use translux::render::camera::{Camera, Resolution, View};
 use translux::render::camera_text::CameraSpec;
 use translux::render::exit::ExitFresnel;
 use translux::render::film::{ColourType, Exposure, to_exr, to_png};
-use translux::render::frame::{ExitanceAt, Frame, Pixel, RenderSettings, render};
+use translux::render::frame::{ExitanceAt, Frame, Ground, Pixel, RenderSettings, render};
 use translux::render::single::Scattered;
 use translux::render::texture::Texture;
 
@@ -201,7 +201,7 @@ fn stored_normals_are_used_where_they_are_valid() {
 }
 
 #[test]
-fn opaque_parts_and_back_sides_are_black() {
+fn opaque_parts_are_matte_or_black_and_back_sides_black() {
     let mut model = compose(&[(icosphere(3.0, 3), DVec3::X * -5.0), (icosphere(3.0, 3), DVec3::X * 5.0)]);
     model.materials = vec!["wax".to_owned(), "wick".to_owned()];
     let half = model.triangles.len() / 2;
@@ -212,6 +212,26 @@ fn opaque_parts_and_back_sides_are_black() {
     let right = frame.pixels[20 * 80 + 49];
     assert!(left.coverage == 1.0 && left.diffuse[0] > 0.3, "{left:?}");
     assert!(right.coverage == 1.0 && right.diffuse == [0.0; 3], "{right:?}");
+    // With an albedo: what enters at 1.5 of the light, and no light in the shadow of the other part.
+    let opaque = Some(DVec3::new(0.5, 0.25, 1.0));
+    let view = RenderSettings { opaque, ..settings(camera([0.0, 0.0, 60.0], 20.0), size(80, 40)) };
+    let shown = |from: DVec3, view: &RenderSettings| {
+        let sun = Light::directional(from, DVec3::ONE).unwrap();
+        render(&fake, &fake.uniform(), &[sun], view, &Silent).unwrap()
+    };
+    let frame = shown(DVec3::Z, &view);
+    let [r, g, b] = frame.pixels[20 * 80 + 49].matte;
+    let expected = 0.5 * diffuse_transmittance(1.5) / PI;
+    assert!((f64::from(r) / expected - 1.0).abs() < 0.02 && g == 0.5 * r && b == 2.0 * r, "{r} {expected}");
+    assert!(frame.has_matte && frame.pixels[20 * 80 + 30].matte == [0.0; 3]);
+    assert_eq!(shown(-DVec3::X, &view).pixels[20 * 80 + 46].matte, [0.0; 3]);
+    // The ground is dark below the parts, and nowhere else; where there is no background, the picture covers there.
+    let ground = RenderSettings { ground: Ground::Shadow, ..settings(camera([0.0, 40.0, 60.0], 40.0), size(80, 80)) };
+    let frame = shown(DVec3::Y, &ground);
+    let shadow = |x: usize, y: usize| frame.pixels[y * 80 + x].shadow;
+    let dark = frame.pixels.iter().filter(|p| p.shadow > 0.99).count();
+    assert!(dark > 30 && frame.pixels.iter().all(|p| p.shadow + p.coverage < 1.0 + 1e-6), "{dark}");
+    assert_eq!((shadow(2, 70), shadow(77, 70), shadow(2, 2)), (0.0, 0.0, 0.0));
     let hollow = Fake::new(inside_out(icosphere(3.0, 3)));
     let frame = hollow.render(&hollow.uniform(), &settings(camera([0.0, 0.0, 30.0], 20.0), size(16, 16)));
     assert_eq!(frame.back_facing_share, 1.0);

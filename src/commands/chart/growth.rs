@@ -13,17 +13,20 @@ use super::subject::machine;
 use super::timing::Repetitions;
 use crate::commands::console::{Console, in_range};
 use crate::commands::lights::LightArgs;
+use crate::commands::media::tell;
 use crate::commands::model::PlacementArgs;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Method;
 use crate::import::file::Input;
+use crate::import::materials::AskedLook;
 use crate::io::atomic;
 use crate::light::Light;
 use crate::measure::growth::draw::{cost_text, size_text};
 use crate::measure::growth::page::finding_text;
 use crate::measure::growth::surface::{DESCRIPTION, glb, scene, surface};
 use crate::measure::growth::{Axis, Growth, Limits, Point, Quantity, SCHEMA};
-use crate::medium::material::Material;
+use crate::medium::inversion::Reflector;
+use crate::medium::material_file::Chosen;
 use crate::progress::Progress;
 use crate::report;
 use crate::report::text::duration;
@@ -82,7 +85,8 @@ pub(super) fn run(args: &ChartArgs, methods: &[&'static dyn Method], console: &C
     let [material_text] = args.material.as_slice() else {
         return Err(Error::command_line("--scale measures one --material"));
     };
-    let material = Material::from_argument(material_text)?;
+    let Chosen { material, look } = Chosen::from_argument(material_text, &Reflector::default())?;
+    tell(&look.map(|found| AskedLook { name: material.name.clone(), found }).into_iter().collect::<Vec<_>>(), console);
     let free_path = material.properties.mean_free_path_mm().min_element();
     if !(free_path.is_finite() && free_path > 0.0) {
         return Err(Error::input(format!(

@@ -13,8 +13,8 @@ use plotters::style::{FontStyle, register_font};
 use super::axis::LogAxis;
 use super::front::pareto;
 use crate::error::{Error, Result};
-use crate::io::colour::linear_from_srgb;
 use crate::io::png::encode_png;
+use crate::math::srgb::linear_from_srgb;
 
 /// Okabe & Ito (2008), grey in place of yellow, which is weak on white.
 pub(in crate::measure) const COLOURS: [RGBColor; 8] = [

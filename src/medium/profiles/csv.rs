@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::error::{Error, Result};
-use crate::medium::material_file::read_text;
+use crate::medium::toml_text::read_text;
 
 /// A line of the table.
 #[derive(Clone, Copy, Debug, PartialEq)]

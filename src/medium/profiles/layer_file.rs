@@ -7,7 +7,7 @@ use toml::Spanned;
 use super::layers::{Layer, MOST_LAYERS, THICKNESSES_MM};
 use crate::error::{Error, Result};
 use crate::medium::material::{OpticalProperties, Overrides, preset};
-use crate::medium::material_file::{Channels, one_line, position, read_text};
+use crate::medium::toml_text::{Channels, one_line, position, read_text};
 
 /// A layer of all channels; without properties it is of the medium that the profile is evaluated for.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -7,7 +7,7 @@ use super::memory::{Level, filled, layered, sampler};
 use super::view::{finite, finite3};
 use crate::error::Result;
 use crate::evaluate::device::Device;
-use crate::io::colour::srgb_from_linear;
+use crate::math::srgb::srgb_from_linear;
 use crate::render::texture::Texture;
 use crate::render::texture::marble::{ACROSS, SHIFT};
 use crate::render::texture::noise::MEAN_ABSOLUTE_NOISE;

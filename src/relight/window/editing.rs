@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use super::colours::{Answer, Question, Task};
-use crate::medium::inversion::{Inversion, Radius, Target};
+use crate::evaluate::ProfileEdit;
+use crate::medium::inversion::{Inversion, Radius, Reflector, Target};
 use crate::medium::material::{Medium, OpticalProperties};
 use crate::medium::profiles::model::{LoadedProfile, ProfileModel};
 
@@ -19,6 +20,8 @@ pub(super) enum By {
 pub(super) struct ProfileInForce {
     pub(super) model: ProfileModel,
     pub(super) loaded: Arc<LoadedProfile>,
+    /// What tells the colours of media.
+    pub(super) reflector: Reflector,
     /// Reason why the profile cannot be changed.
     pub(super) locked: Option<&'static str>,
     /// Reason why the last requested profile is not in force.
@@ -32,7 +35,16 @@ pub(super) struct ProfileInForce {
 impl ProfileInForce {
     pub(super) fn new(model: ProfileModel, loaded: Arc<LoadedProfile>, locked: Option<&'static str>) -> Self {
         let slab_mm = if let ProfileModel::Slab(thickness) = model { thickness } else { 2.0 };
-        Self { model, loaded, locked, refused: None, typed: String::new(), slab_mm }
+        let reflector = Reflector::Profile(Arc::clone(&loaded));
+        Self { model, loaded, reflector, locked, refused: None, typed: String::new(), slab_mm }
+    }
+
+    /// The same where kernels that walks have calibrated tell colours.
+    pub(super) fn of_kernels(self, profile: ProfileEdit) -> Self {
+        match profile {
+            ProfileEdit::Calibrated => Self { reflector: Reflector::Volume, ..self },
+            _ => self,
+        }
     }
 
     pub(super) fn dipole(locked: Option<&'static str>) -> Self {
@@ -95,7 +107,7 @@ impl Editing {
         if let (true, Some(Ok(found)), Some((_, _, task @ Task::ColourOf(_)))) =
             (is_known, &self.answer, &mut self.asked)
         {
-            let target = Target::of_medium(&found.properties, self.radius, found.achieved);
+            let target = Target::of_medium(&found.properties, self.radius, found.achieved, found.achieved);
             // The answer to that is here already, and to look at a medium does not change it.
             *task = Task::MediumOf(target);
             self.target = Some(target);
@@ -125,7 +137,7 @@ impl Editing {
         }
         self.asked = asked;
         self.ticket += 1;
-        Some(Question { ticket: self.ticket, profile: Arc::clone(&profile.loaded), task })
+        Some(Question { ticket: self.ticket, reflector: profile.reflector.clone(), task })
     }
 
     /// Handles an answer; returns the medium whose properties it changes. Late answers to older questions are ignored.

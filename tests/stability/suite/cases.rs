@@ -38,6 +38,7 @@ impl Case {
         let materials = MaterialChoice {
             texts: self.materials.iter().map(|text| (*text).to_owned()).collect(),
             overrides: self.overrides,
+            ..MaterialChoice::default()
         };
         let options =
             ImportOptions { scale: Some(self.scale), materials, parts: self.parts, ..ImportOptions::default() };

@@ -43,7 +43,8 @@ impl App {
         let camera = self.settings.camera.resolve(&session.evaluator.scene().mesh, screen.resolution())?;
         let capabilities = session.evaluator.capabilities();
         let (material, locked) = (capabilities.material, locked(capabilities, self.settings.choice));
-        let profile = ProfileInForce::new(session.profile.clone(), Arc::new(session.profile.load()?), locked);
+        let profile = ProfileInForce::new(session.profile.clone(), Arc::new(session.profile.load()?), locked)
+            .of_kernels(capabilities.profile);
         let in_place = profile.in_place();
         let scene = session.evaluator.scene();
         let mut desk = Desk::new(session.model.clone(), scene, material, profile, session.lights, &camera);
@@ -136,7 +137,8 @@ impl App {
             Err(error) => (None, Some(error)),
         };
         shown.put(self.stage(&shown.screen, evaluator, texture.as_deref())?);
-        let profile = ProfileInForce::dipole(locked(capabilities, self.settings.choice));
+        let profile =
+            ProfileInForce::dipole(locked(capabilities, self.settings.choice)).of_kernels(capabilities.profile);
         shown.desk.replace_model(path.to_owned(), &scene, material, profile, &camera);
         shown.desk.has_texture = texture.is_some();
         shown.texture = texture;

@@ -4,8 +4,8 @@ use egui::{Color32, ComboBox, DragValue, Slider, SliderClamping, Ui};
 use glam::DVec3;
 
 use crate::evaluate::MaterialEdit;
-use crate::medium::inversion::{Inversion, Radius, Target, follows_medium};
-use crate::medium::material::{ETA_RANGE, OpticalProperties, PRESETS};
+use crate::medium::inversion::{Inversion, Radius, Target};
+use crate::medium::material::{ETA_RANGE, OpticalProperties, presets};
 use crate::medium::profiles::layers::THICKNESSES_MM;
 use crate::medium::profiles::model::ProfileModel;
 use crate::relight::window::desk::{Asked, Desk};
@@ -19,7 +19,8 @@ const LARGEST_G: f64 = 0.95;
 const NAMED: [&str; 7] =
     ["dipole", "better-dipole", "photon-beam", "burley", "burley:fit=diffuse", "burley:fit=dmfp", "gaussians:skin"];
 /// Meaning of the colours.
-const REFLECTANCE: &str = "total diffuse reflectance by the profile, linear sRGB";
+const COLOUR: &str =
+    "what a flat body scatters back under white light from everywhere, its highlight left out; linear sRGB";
 const CHANNELS: [&str; 3] = ["R", "G", "B"];
 
 /// Shows the material of the object; `free` tells whether a job may start.
@@ -72,7 +73,7 @@ fn preset(ui: &mut Ui, desk: &mut Desk) {
     let Some(name) = desk.media.get(index).map(|medium| medium.name.clone()) else { return };
     let mut chosen = None;
     ComboBox::from_id_salt("preset").selected_text(&name).width(140.0).show_ui(ui, |ui| {
-        for preset in &PRESETS {
+        for preset in presets() {
             if ui.selectable_label(name == preset.name, preset.name).clicked() {
                 chosen = Some(preset);
             }
@@ -99,7 +100,7 @@ fn coefficients(ui: &mut Ui, desk: &mut Desk) {
         sliders(ui, &mut properties.sigma_a_per_mm, 1e-4, 100.0, 1e-4) || scattering
     });
     if let Some(found) = found(ui, &desk.editing.answer) {
-        swatch(ui, "reflectance", found.achieved);
+        swatch(ui, "colour", found.achieved);
     }
 }
 
@@ -115,7 +116,7 @@ fn found<'a>(ui: &mut Ui, answer: &'a Option<Result<Inversion, String>>) -> Opti
 
 fn colour(ui: &mut Ui, desk: &mut Desk) {
     let editing = &mut desk.editing;
-    if !follows_medium(&desk.profile.loaded) {
+    if !desk.profile.reflector.follows_medium() {
         ui.colored_label(
             BAD,
             "this profile is the same whatever the medium: it has no other colour and no other radius",
@@ -130,7 +131,7 @@ fn colour(ui: &mut Ui, desk: &mut Desk) {
     };
     asked_colour(ui, target);
     if let Some(found) = found(ui, &editing.answer) {
-        swatch(ui, "achieved reflectance", found.achieved);
+        swatch(ui, "achieved colour", found.achieved);
         if !found.is_reached() {
             let gap = found.gap();
             let worst = (0..3).max_by(|a, b| gap[*a].abs().total_cmp(&gap[*b].abs())).unwrap_or(0);
@@ -154,33 +155,33 @@ fn colour(ui: &mut Ui, desk: &mut Desk) {
 
 /// A button that opens a colour picker, and three numbers.
 fn asked_colour(ui: &mut Ui, target: &mut Target) {
-    ui.label("asked reflectance").on_hover_text(REFLECTANCE);
+    ui.label("asked colour").on_hover_text(COLOUR);
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;
-        let mut rgb = target.reflectance.as_vec3().to_array();
+        let mut rgb = target.colour.as_vec3().to_array();
         if ui.color_edit_button_rgb(&mut rgb).changed() {
-            target.reflectance = glam::Vec3::from_array(rgb).as_dvec3().clamp(DVec3::ZERO, DVec3::ONE);
+            target.colour = glam::Vec3::from_array(rgb).as_dvec3().clamp(DVec3::ZERO, DVec3::ONE);
         }
-        for value in target.reflectance.as_mut() {
+        for value in target.colour.as_mut() {
             ui.add(DragValue::new(value).speed(0.002).range(0.0..=1.0).fixed_decimals(3));
         }
     });
 }
 
 /// A colour as it looks in white light, with its numbers.
-fn swatch(ui: &mut Ui, title: &str, reflectance: DVec3) {
-    ui.label(title).on_hover_text(REFLECTANCE);
+fn swatch(ui: &mut Ui, title: &str, colour: DVec3) {
+    ui.label(title).on_hover_text(COLOUR);
     ui.horizontal(|ui| {
         let (rect, _) = ui.allocate_exact_size(ui.spacing().interact_size, egui::Sense::hover());
-        ui.painter().rect_filled(rect, 2.0, shade(reflectance));
-        let [r, g, b] = reflectance.to_array();
+        ui.painter().rect_filled(rect, 2.0, shade(colour));
+        let [r, g, b] = colour.to_array();
         ui.label(format!("{r:.3}  {g:.3}  {b:.3}"));
     });
 }
 
 /// Converts a linear colour to sRGB.
-fn shade(reflectance: DVec3) -> Color32 {
-    let [r, g, b] = reflectance.clamp(DVec3::ZERO, DVec3::ONE).as_vec3().to_array();
+fn shade(colour: DVec3) -> Color32 {
+    let [r, g, b] = colour.clamp(DVec3::ZERO, DVec3::ONE).as_vec3().to_array();
     egui::Rgba::from_rgb(r, g, b).into()
 }
 
