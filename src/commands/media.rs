@@ -68,7 +68,7 @@ fn conventions_in_words() -> String {
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Material")]
 pub(super) struct ProfileArg {
-    #[arg(long, value_name = "PROFILE", help = format!("Diffuse reflectance profile: dipole, better-dipole, photon-beam, \
+    #[arg(long, value_name = "PROFILE", help = format!("Diffuse reflectance profile: dipole[:from=2], better-dipole, photon-beam, \
         burley[:fit=searchlight|diffuse|dmfp], slab:thickness=MM, layers:path=FILE.toml, gaussians:skin, \
         gaussians:path=FILE.csv, measured[:interpolation=log|linear]:path=FILE.csv. {}", without_transport()))]
     profile: Option<String>,

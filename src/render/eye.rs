@@ -9,7 +9,7 @@ use super::background::Backdrop;
 use super::exit::ExitRadiance;
 use super::glossy_lights::{GlossyLights, Place, ShadowRays};
 use super::highlight::Highlight;
-use super::matte::{Irradiance, MatteLights, MatteRays, Spot as MatteSpot};
+use super::matte::{Irradiance, MatteLights, MattePoint, MatteRays};
 use super::normals::ShadingNormals;
 use super::pixel_samples::{PixelSamples, Stream};
 use super::seen::{Seen, shared_within_mm};
@@ -197,7 +197,7 @@ struct Met {
     /// The point that reflects the lights, if any.
     place: Option<Place>,
     /// The point of an opaque part.
-    matte: Option<(MatteSpot, DVec3)>,
+    matte: Option<(MattePoint, DVec3)>,
 }
 
 /// Working memory for a group of pixels; one for each tile.
@@ -215,7 +215,7 @@ struct Desk {
     reflected: Vec<DVec3>,
     shadow: ShadowRays,
     /// Matte points, and the eye rays that see them with what they make of light.
-    spots: Vec<MatteSpot>,
+    spots: Vec<MattePoint>,
     of_spot: Vec<(u32, Matte)>,
     matte: MatteRays,
     /// Points whose exitance is not asked for yet.
@@ -341,7 +341,7 @@ impl<'a> Renderer<'a> {
                 if let Some(at_mm) = self.ground_at(*direction) {
                     let (triangle, normal, geometric) = (u32::MAX, DVec3::Y, DVec3::Y);
                     let (pixel, sample) = self.ray(pixels, index);
-                    desk.spots.push(MatteSpot { at_mm, triangle, geometric, normal, pixel, sample });
+                    desk.spots.push(MattePoint { at_mm, triangle, geometric, normal, pixel, sample });
                     desk.of_spot.push((index as u32, Matte::Ground(radiance)));
                     continue;
                 }
@@ -493,7 +493,7 @@ impl<'a> Renderer<'a> {
             let normal = facing(normal, to_eye, least).unwrap_or(geometric);
             let own = self.texture.filter(|texture| texture.path().is_some());
             let base = own.map_or(opaque, |t| t.albedo(mesh, hit.triangle, weights, point));
-            let spot = MatteSpot { at_mm: point, triangle, geometric, normal, pixel: ray.pixel, sample: ray.sample };
+            let spot = MattePoint { at_mm: point, triangle, geometric, normal, pixel: ray.pixel, sample: ray.sample };
             let reflecting = |highlight| Place { point, triangle, geometric, normal, to_eye, highlight, lobe, light };
             let place = self.opaque_highlight.map(reflecting);
             return Some(Met { from_behind: false, place, matte: Some((spot, base * self.opaque_response)) });

@@ -9,10 +9,10 @@ use glam::{DVec2, DVec3};
 
 use super::glossy_map::GlossyMap;
 use super::highlight::Highlight;
+use super::lights::{Rectangle, Sharp};
 use super::specular::{Reflected, terminator};
 use crate::geometry::bvh::{Bvh, Ray, offset_origin};
 use crate::light::Light;
-use crate::light::cone::ConeFalloff;
 use crate::light::environment::Rotation;
 use crate::math::spherical_rectangle::SphericalRectangle;
 
@@ -56,14 +56,6 @@ impl Place {
         let softened = terminator(cos_geometric, cos_shading, self.normal.dot(self.geometric));
         (softened > 0.0).then_some(Reflected { weight: sample.weight * softened, ..sample })
     }
-}
-
-struct Rectangle {
-    corner: DVec3,
-    normal: DVec3,
-    edges: [DVec3; 2],
-    lengths: [f64; 2],
-    radiance: DVec3,
 }
 
 impl Rectangle {
@@ -119,12 +111,6 @@ impl ShadowRays {
     }
 }
 
-/// Light from one direction, or from one place relative to the mesh's origin.
-enum Sharp {
-    Direction { from: DVec3, irradiance: DVec3 },
-    Place { at: DVec3, intensity: DVec3, falloff: ConeFalloff },
-}
-
 /// Lights prepared for specular reflection.
 pub(super) struct GlossyLights {
     sharp: Vec<Sharp>,
@@ -146,22 +132,14 @@ impl GlossyLights {
             samples_per_pixel: f64::from(samples_per_pixel),
         };
         for light in lights {
+            all.sharp.extend(Sharp::new(light, origin_mm));
+            all.rectangles.extend(Rectangle::new(light, origin_mm));
             match light {
                 Light::Constant { radiance } => all.constant += *radiance,
-                &Light::Directional { from, irradiance } => all.sharp.push(Sharp::Direction { from, irradiance }),
-                Light::Point { .. } | Light::Spot { .. } => {
-                    let of = |(at_mm, intensity, falloff)| Sharp::Place { at: at_mm - origin_mm, intensity, falloff };
-                    all.sharp.extend(light.from_place().map(of));
-                }
-                Light::Area { at_mm, normal, u, size_mm, radiance, .. } => {
-                    let edges = [*u, normal.cross(*u)];
-                    let corner = *at_mm - origin_mm - 0.5 * (edges[0] * size_mm[0] + edges[1] * size_mm[1]);
-                    let (normal, radiance) = (*normal, *radiance);
-                    all.rectangles.push(Rectangle { corner, normal, edges, lengths: *size_mm, radiance });
-                }
                 Light::Environment { map, rotate_degrees, scale } => {
                     all.maps.push((GlossyMap::new(map), Rotation::from_degrees(*rotate_degrees), *scale));
                 }
+                Light::Directional { .. } | Light::Point { .. } | Light::Spot { .. } | Light::Area { .. } => {}
             }
         }
         all
@@ -176,15 +154,7 @@ impl GlossyLights {
     pub(super) fn add(&self, bvh: &Bvh, places: &[Place], shadow: &mut ShadowRays, out: &mut [DVec3]) {
         for light in &self.sharp {
             for (index, place) in places.iter().enumerate() {
-                let (to_light, distance, irradiance) = match light {
-                    Sharp::Direction { from, irradiance } => (*from, f64::INFINITY, *irradiance),
-                    Sharp::Place { at, intensity, falloff } => {
-                        let offset = *at - place.point;
-                        let distance = offset.length();
-                        let to_light = offset / distance;
-                        (to_light, distance, *intensity * (falloff.at(to_light) / (distance * distance)))
-                    }
-                };
+                let (to_light, distance, irradiance) = light.seen_from(place.point);
                 // A light in the surface itself has no direction.
                 let gain = if distance > 0.0 { place.response(to_light) * irradiance } else { DVec3::ZERO };
                 shadow.push(index, place, to_light, distance, gain);

@@ -1,7 +1,7 @@
 //! Light of the lights on matte surfaces: opaque parts, and the ground under the object. With shadows, and without what
 //! leaves the object.
 //!
-//! Directional and point lights: a shadow ray. Area lights: points of the light, uniform in solid angle. Environments and
+//! Directional, point and spot lights: a shadow ray. Area lights: points of the light, uniform in solid angle. Environments and
 //! constant lights: directions by the light's own energy and by the cosine, joined by the balance heuristic. Points and
 //! directions are stratified over the eye rays of a pixel.
 
@@ -9,6 +9,7 @@ use std::f64::consts::{FRAC_1_PI, PI, TAU};
 
 use glam::{DVec2, DVec3};
 
+use super::lights::{Rectangle, Sharp};
 use super::pixel_samples::{PixelSamples, Stream};
 use crate::geometry::bvh::{Bvh, Ray, offset_origin};
 use crate::light::Light;
@@ -20,7 +21,7 @@ const POINTS: usize = 4;
 
 /// A point of a matte surface on the eye's side.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Spot {
+pub(super) struct MattePoint {
     /// The point in the mesh's local coordinates, mm.
     pub at_mm: DVec3,
     /// The triangle that it is on, whose own shadow is none; `u32::MAX` for none.
@@ -41,15 +42,6 @@ pub(super) struct Irradiance {
     pub open: DVec3,
 }
 
-/// A rectangle that emits to one side.
-struct Rectangle {
-    corner: DVec3,
-    normal: DVec3,
-    edges: [DVec3; 2],
-    lengths: [f64; 2],
-    radiance: DVec3,
-}
-
 /// An environment with the distribution of its energy over directions.
 struct Sky {
     map: std::sync::Arc<EnvironmentMap>,
@@ -62,8 +54,7 @@ struct Sky {
 
 /// Lights prepared for matte surfaces.
 pub(super) struct MatteLights {
-    /// Directional and point lights, the latter in local coordinates.
-    sharp: Vec<Light>,
+    sharp: Vec<Sharp>,
     rectangles: Vec<Rectangle>,
     constant: DVec3,
     skies: Vec<Sky>,
@@ -80,7 +71,15 @@ pub(super) struct MatteRays {
 }
 
 impl MatteRays {
-    fn push(&mut self, index: usize, spot: &Spot, to_light: DVec3, distance: f64, gain: DVec3, out: &mut [Irradiance]) {
+    fn push(
+        &mut self,
+        index: usize,
+        spot: &MattePoint,
+        to_light: DVec3,
+        distance: f64,
+        gain: DVec3,
+        out: &mut [Irradiance],
+    ) {
         if gain == DVec3::ZERO || !gain.is_finite() {
             return;
         }
@@ -106,7 +105,7 @@ impl MatteRays {
     }
 }
 
-impl Spot {
+impl MattePoint {
     /// Cosine of a direction with the shading normal; 0 below the triangle or the surface.
     fn cosine(&self, to_light: DVec3) -> f64 {
         if self.geometric.dot(to_light) <= 0.0 { 0.0 } else { self.normal.dot(to_light).max(0.0) }
@@ -176,21 +175,14 @@ impl MatteLights {
         let mut all =
             Self { sharp: Vec::new(), rectangles: Vec::new(), constant: DVec3::ZERO, skies: Vec::new(), samples };
         for light in lights {
+            all.sharp.extend(Sharp::new(light, origin_mm));
+            all.rectangles.extend(Rectangle::new(light, origin_mm));
             match light {
                 Light::Constant { radiance } => all.constant += *radiance,
-                Light::Directional { .. } => all.sharp.push(light.clone()),
-                &Light::Point { at_mm, intensity } => {
-                    all.sharp.push(Light::Point { at_mm: at_mm - origin_mm, intensity });
-                }
-                Light::Area { at_mm, normal, u, size_mm, radiance, .. } => {
-                    let edges = [*u, normal.cross(*u)];
-                    let corner = *at_mm - origin_mm - 0.5 * (edges[0] * size_mm[0] + edges[1] * size_mm[1]);
-                    let (normal, radiance) = (*normal, *radiance);
-                    all.rectangles.push(Rectangle { corner, normal, edges, lengths: *size_mm, radiance });
-                }
                 Light::Environment { map, rotate_degrees, scale } => {
                     all.skies.push(Sky::new(map, *rotate_degrees, *scale));
                 }
+                Light::Directional { .. } | Light::Point { .. } | Light::Spot { .. } | Light::Area { .. } => {}
             }
         }
         all.skies.retain(|sky| sky.energy() > 0.0);
@@ -198,19 +190,11 @@ impl MatteLights {
     }
 
     /// Irradiance at spots, which are in the order of their pixels.
-    pub(super) fn irradiance(&self, bvh: &Bvh, spots: &[Spot], rays: &mut MatteRays) -> Vec<Irradiance> {
+    pub(super) fn irradiance(&self, bvh: &Bvh, spots: &[MattePoint], rays: &mut MatteRays) -> Vec<Irradiance> {
         let mut out = vec![Irradiance::default(); spots.len()];
         for light in &self.sharp {
             for (index, spot) in spots.iter().enumerate() {
-                let (to_light, distance, irradiance) = match light {
-                    Light::Directional { from, irradiance } => (*from, f64::INFINITY, *irradiance),
-                    Light::Point { at_mm, intensity } => {
-                        let offset = *at_mm - spot.at_mm;
-                        let distance = offset.length();
-                        (offset / distance, distance, *intensity / (distance * distance))
-                    }
-                    Light::Constant { .. } | Light::Area { .. } | Light::Environment { .. } => continue,
-                };
+                let (to_light, distance, irradiance) = light.seen_from(spot.at_mm);
                 if distance > 0.0 {
                     rays.push(index, spot, to_light, distance, spot.cosine(to_light) * irradiance, &mut out);
                 }
@@ -239,7 +223,7 @@ impl MatteLights {
     fn sample(
         &self,
         index: usize,
-        spot: &Spot,
+        spot: &MattePoint,
         [own, diffuse]: [DVec2; 2],
         rays: &mut MatteRays,
         out: &mut [Irradiance],
@@ -284,7 +268,7 @@ impl MatteLights {
 }
 
 /// Runs of spots of one pixel, each with the index of its first.
-fn by_pixel(spots: &[Spot]) -> impl Iterator<Item = (usize, &[Spot])> {
+fn by_pixel(spots: &[MattePoint]) -> impl Iterator<Item = (usize, &[MattePoint])> {
     let mut first = 0;
     spots.chunk_by(|a, b| a.pixel == b.pixel).map(move |run| {
         first += run.len();
@@ -310,7 +294,7 @@ mod tests {
     /// Mean irradiance at a point of the plane y = -1, over some pixels.
     fn mean(lights: &[Light], at: DVec3, pixels: u64) -> Irradiance {
         let lights = MatteLights::new(lights, DVec3::ZERO, 4);
-        let spot = |i: u64| Spot {
+        let spot = |i: u64| MattePoint {
             at_mm: at,
             triangle: u32::MAX,
             geometric: DVec3::Y,
@@ -318,7 +302,7 @@ mod tests {
             pixel: i / 4,
             sample: (i % 4) as u32,
         };
-        let spots: Vec<Spot> = (0..4 * pixels).map(spot).collect();
+        let spots: Vec<MattePoint> = (0..4 * pixels).map(spot).collect();
         let all = lights.irradiance(&ball(), &spots, &mut MatteRays::default());
         let share = 1.0 / all.len() as f64;
         all.iter().fold(Irradiance::default(), |sum, one| Irradiance {

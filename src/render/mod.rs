@@ -12,6 +12,7 @@ pub mod frame;
 mod glossy_lights;
 mod glossy_map;
 pub mod highlight;
+mod lights;
 mod matte;
 pub mod normals;
 mod pixel_samples;
