@@ -7,9 +7,10 @@ use rayon::prelude::*;
 
 use super::background::Backdrop;
 use super::exit::ExitRadiance;
-use super::glossy_lights::{GlossyLights, Place, ShadowRays};
+use super::glossy_lights::{GlossyLights, Place};
 use super::highlight::Highlight;
-use super::matte::{Irradiance, MatteLights, MattePoint, MatteRays};
+use super::lights::ShadowRays;
+use super::matte::{Irradiance, MatteLights, MattePoint};
 use super::normals::ShadingNormals;
 use super::pixel_samples::{PixelSamples, Stream};
 use super::seen::{Seen, shared_within_mm};
@@ -217,7 +218,7 @@ struct Desk {
     /// Matte points, and the eye rays that see them with what they make of light.
     spots: Vec<MattePoint>,
     of_spot: Vec<(u32, Matte)>,
-    matte: MatteRays,
+    matte: ShadowRays,
     /// Points whose exitance is not asked for yet.
     seen: Seen,
 }

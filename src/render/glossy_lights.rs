@@ -9,9 +9,9 @@ use glam::{DVec2, DVec3};
 
 use super::glossy_map::GlossyMap;
 use super::highlight::Highlight;
-use super::lights::{Rectangle, Sharp};
+use super::lights::{Rectangle, ShadowRays, Sharp, Start};
 use super::specular::{Reflected, terminator};
-use crate::geometry::bvh::{Bvh, Ray, offset_origin};
+use crate::geometry::bvh::Bvh;
 use crate::light::Light;
 use crate::light::environment::Rotation;
 use crate::math::spherical_rectangle::SphericalRectangle;
@@ -37,6 +37,10 @@ pub(super) struct Place {
 }
 
 impl Place {
+    fn start(&self) -> Start {
+        Start::new(self.point, self.geometric, self.triangle)
+    }
+
     /// Radiance for an irradiance of 1 on a surface that faces `to_light`; 0 below the triangle or the surface.
     #[inline]
     fn response(&self, to_light: DVec3) -> f64 {
@@ -71,43 +75,6 @@ impl Rectangle {
         let offset = from + direction * distance - self.corner;
         let inside = |axis: usize| (0.0..=self.lengths[axis]).contains(&offset.dot(self.edges[axis]));
         (distance.is_finite() && inside(0) && inside(1)).then_some(distance)
-    }
-}
-
-/// Shadow rays to be traced, and the radiance of each if it is not occluded.
-#[derive(Default)]
-pub(super) struct ShadowRays {
-    rays: Vec<Ray>,
-    skip: Vec<u32>,
-    /// Index of the place, and the radiance to add to it.
-    gains: Vec<(u32, DVec3)>,
-    occluded: Vec<bool>,
-}
-
-impl ShadowRays {
-    /// Adds a ray, unless it gains nothing.
-    fn push(&mut self, index: usize, place: &Place, to_light: DVec3, distance: f64, gain: DVec3) {
-        if gain == DVec3::ZERO || !gain.is_finite() {
-            return;
-        }
-        let origin = offset_origin(place.point.as_vec3(), place.geometric.as_vec3());
-        self.rays.push(Ray { t_max: distance as f32, ..Ray::new(origin, to_light.as_vec3()) });
-        self.skip.push(place.triangle);
-        self.gains.push((index as u32, gain));
-    }
-
-    fn resolve(&mut self, bvh: &Bvh, out: &mut [DVec3]) {
-        self.occluded.clear();
-        self.occluded.resize(self.rays.len(), false);
-        bvh.occluded_many(&self.rays, &self.skip, &mut self.occluded);
-        for (&(index, gain), &occluded) in self.gains.iter().zip(&self.occluded) {
-            if !occluded {
-                out[index as usize] += gain;
-            }
-        }
-        self.rays.clear();
-        self.skip.clear();
-        self.gains.clear();
     }
 }
 
@@ -157,9 +124,9 @@ impl GlossyLights {
                 let (to_light, distance, irradiance) = light.seen_from(place.point);
                 // A light in the surface itself has no direction.
                 let gain = if distance > 0.0 { place.response(to_light) * irradiance } else { DVec3::ZERO };
-                shadow.push(index, place, to_light, distance, gain);
+                shadow.push(index, place.start(), (to_light, distance), gain);
             }
-            shadow.resolve(bvh, out);
+            shadow.resolve(bvh, |index, gain| out[index] += gain);
         }
         if !self.are_sampled() {
             return;
@@ -173,7 +140,7 @@ impl GlossyLights {
                 self.of_rectangle(rectangle, index, place, reflection.as_ref(), shadow);
             }
         }
-        shadow.resolve(bvh, out);
+        shadow.resolve(bvh, |index, gain| out[index] += gain);
     }
 
     /// Radiance from the lights at infinity by a sampled reflection.
@@ -210,14 +177,14 @@ impl GlossyLights {
             let density = place.highlight.density_per_sr(place.normal, to_light, place.to_eye);
             // The light's density is 1 / solid_angle: L f cos / density times the balance heuristic.
             let gain = light.radiance * (place.response(to_light) * solid_angle / (1.0 + density * solid_angle));
-            shadow.push(index, place, to_light, distance, gain);
+            shadow.push(index, place.start(), (to_light, distance), gain);
         }
         if let Some(sample) = reflection
             && let Some(distance) = light.distance(place.point, sample.to_light)
         {
             let share = sample.density_per_sr * solid_angle;
             let gain = light.radiance * (sample.weight * share / (1.0 + share));
-            shadow.push(index, place, sample.to_light, distance, gain);
+            shadow.push(index, place.start(), (sample.to_light, distance), gain);
         }
     }
 }

@@ -1,7 +1,8 @@
 //! Lights as surfaces in pictures see them, places relative to the mesh's origin.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
+use crate::geometry::bvh::{Bvh, Ray, offset_origin};
 use crate::light::Light;
 use crate::light::cone::ConeFalloff;
 
@@ -54,5 +55,62 @@ impl Rectangle {
         let edges = [*u, normal.cross(*u)];
         let corner = *at_mm - origin_mm - 0.5 * (edges[0] * size_mm[0] + edges[1] * size_mm[1]);
         Some(Self { corner, normal: *normal, edges, lengths: *size_mm, radiance: *radiance })
+    }
+}
+
+/// Where shadow rays of a point start, and the triangle that it is on.
+pub(super) struct Start {
+    origin: Vec3,
+    triangle: u32,
+}
+
+impl Start {
+    /// A point on the side of a geometric unit normal.
+    pub(super) fn new(point: DVec3, geometric: DVec3, triangle: u32) -> Self {
+        Self { origin: offset_origin(point.as_vec3(), geometric.as_vec3()), triangle }
+    }
+}
+
+/// Shadow rays to be traced, and what each adds if it is not occluded.
+#[derive(Default)]
+pub(super) struct ShadowRays {
+    rays: Vec<Ray>,
+    skip: Vec<u32>,
+    /// Index of the point, and its gain.
+    gains: Vec<(u32, DVec3)>,
+    occluded: Vec<bool>,
+}
+
+impl ShadowRays {
+    /// Adds a ray, unless it gains nothing; true if it did.
+    pub(super) fn push(
+        &mut self,
+        index: usize,
+        Start { origin, triangle }: Start,
+        (to_light, distance): (DVec3, f64),
+        gain: DVec3,
+    ) -> bool {
+        if gain == DVec3::ZERO || !gain.is_finite() {
+            return false;
+        }
+        self.rays.push(Ray { t_max: distance as f32, ..Ray::new(origin, to_light.as_vec3()) });
+        self.skip.push(triangle);
+        self.gains.push((index as u32, gain));
+        true
+    }
+
+    /// Traces the rays; `add` takes the gains of those that meet nothing.
+    pub(super) fn resolve(&mut self, bvh: &Bvh, mut add: impl FnMut(usize, DVec3)) {
+        self.occluded.clear();
+        self.occluded.resize(self.rays.len(), false);
+        bvh.occluded_many(&self.rays, &self.skip, &mut self.occluded);
+        for (&(index, gain), &occluded) in self.gains.iter().zip(&self.occluded) {
+            if !occluded {
+                add(index as usize, gain);
+            }
+        }
+        self.rays.clear();
+        self.skip.clear();
+        self.gains.clear();
     }
 }

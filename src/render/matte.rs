@@ -9,9 +9,9 @@ use std::f64::consts::{FRAC_1_PI, PI, TAU};
 
 use glam::{DVec2, DVec3};
 
-use super::lights::{Rectangle, Sharp};
+use super::lights::{Rectangle, ShadowRays, Sharp, Start};
 use super::pixel_samples::{PixelSamples, Stream};
-use crate::geometry::bvh::{Bvh, Ray, offset_origin};
+use crate::geometry::bvh::Bvh;
 use crate::light::Light;
 use crate::light::environment::{EnvironmentMap, Rotation, direction_of};
 use crate::math::spherical_rectangle::SphericalRectangle;
@@ -61,51 +61,20 @@ pub(super) struct MatteLights {
     samples: PixelSamples,
 }
 
-/// Working memory.
-#[derive(Default)]
-pub(super) struct MatteRays {
-    rays: Vec<Ray>,
-    skip: Vec<u32>,
-    gains: Vec<(u32, DVec3)>,
-    occluded: Vec<bool>,
-}
-
-impl MatteRays {
-    fn push(
-        &mut self,
-        index: usize,
-        spot: &MattePoint,
-        to_light: DVec3,
-        distance: f64,
-        gain: DVec3,
-        out: &mut [Irradiance],
-    ) {
-        if gain == DVec3::ZERO || !gain.is_finite() {
-            return;
-        }
-        out[index].open += gain;
-        let origin = offset_origin(spot.at_mm.as_vec3(), spot.geometric.as_vec3());
-        self.rays.push(Ray { t_max: distance as f32, ..Ray::new(origin, to_light.as_vec3()) });
-        self.skip.push(spot.triangle);
-        self.gains.push((index as u32, gain));
-    }
-
-    fn resolve(&mut self, bvh: &Bvh, out: &mut [Irradiance]) {
-        self.occluded.clear();
-        self.occluded.resize(self.rays.len(), false);
-        bvh.occluded_many(&self.rays, &self.skip, &mut self.occluded);
-        for (&(index, gain), &occluded) in self.gains.iter().zip(&self.occluded) {
-            if !occluded {
-                out[index as usize].lit += gain;
-            }
-        }
-        self.rays.clear();
-        self.skip.clear();
-        self.gains.clear();
-    }
-}
-
 impl MattePoint {
+    /// Adds a shadow ray, and what it gains if nothing stands in the way.
+    fn look(
+        &self,
+        (index, out): (usize, &mut [Irradiance]),
+        rays: &mut ShadowRays,
+        towards: (DVec3, f64),
+        gain: DVec3,
+    ) {
+        if rays.push(index, Start::new(self.at_mm, self.geometric, self.triangle), towards, gain) {
+            out[index].open += gain;
+        }
+    }
+
     /// Cosine of a direction with the shading normal; 0 below the triangle or the surface.
     fn cosine(&self, to_light: DVec3) -> f64 {
         if self.geometric.dot(to_light) <= 0.0 { 0.0 } else { self.normal.dot(to_light).max(0.0) }
@@ -190,16 +159,17 @@ impl MatteLights {
     }
 
     /// Irradiance at spots, which are in the order of their pixels.
-    pub(super) fn irradiance(&self, bvh: &Bvh, spots: &[MattePoint], rays: &mut MatteRays) -> Vec<Irradiance> {
+    pub(super) fn irradiance(&self, bvh: &Bvh, spots: &[MattePoint], rays: &mut ShadowRays) -> Vec<Irradiance> {
         let mut out = vec![Irradiance::default(); spots.len()];
         for light in &self.sharp {
             for (index, spot) in spots.iter().enumerate() {
                 let (to_light, distance, irradiance) = light.seen_from(spot.at_mm);
                 if distance > 0.0 {
-                    rays.push(index, spot, to_light, distance, spot.cosine(to_light) * irradiance, &mut out);
+                    let gain = spot.cosine(to_light) * irradiance;
+                    spot.look((index, &mut out), rays, (to_light, distance), gain);
                 }
             }
-            rays.resolve(bvh, &mut out);
+            rays.resolve(bvh, |index, gain| out[index].lit += gain);
         }
         if self.rectangles.is_empty() && self.skies.is_empty() && self.constant == DVec3::ZERO {
             return out;
@@ -214,7 +184,7 @@ impl MatteLights {
                     self.sample(first + index, spot, [*own, *diffuse], rays, &mut out);
                 }
             }
-            rays.resolve(bvh, &mut out);
+            rays.resolve(bvh, |index, gain| out[index].lit += gain);
         }
         out
     }
@@ -225,7 +195,7 @@ impl MatteLights {
         index: usize,
         spot: &MattePoint,
         [own, diffuse]: [DVec2; 2],
-        rays: &mut MatteRays,
+        rays: &mut ShadowRays,
         out: &mut [Irradiance],
     ) {
         let share = 1.0 / POINTS as f64;
@@ -241,7 +211,7 @@ impl MatteLights {
             if solid_angle > 0.0 && distance > 0.0 {
                 let to_light = offset / distance;
                 let gain = light.radiance * (share * solid_angle * spot.cosine(to_light));
-                rays.push(index, spot, to_light, distance, gain, out);
+                spot.look((index, &mut *out), rays, (to_light, distance), gain);
             }
         }
         let to_light = spot.diffuse(diffuse);
@@ -253,7 +223,7 @@ impl MatteLights {
             afar += radiance * (PI * density / (density + of_sky).max(f64::MIN_POSITIVE));
         }
         if spot.geometric.dot(to_light) > 0.0 {
-            rays.push(index, spot, to_light, f64::INFINITY, afar * share, out);
+            spot.look((index, &mut *out), rays, (to_light, f64::INFINITY), afar * share);
         }
         for sky in &self.skies {
             let to_light = sky.direction(own);
@@ -261,7 +231,7 @@ impl MatteLights {
             let (radiance, of_sky) = sky.seen(to_light);
             let density = of_sky + spot.normal.dot(to_light).max(0.0) * FRAC_1_PI;
             if cosine > 0.0 && of_sky > 0.0 {
-                rays.push(index, spot, to_light, f64::INFINITY, radiance * (share * cosine / density), out);
+                spot.look((index, &mut *out), rays, (to_light, f64::INFINITY), radiance * (share * cosine / density));
             }
         }
     }
@@ -303,7 +273,7 @@ mod tests {
             sample: (i % 4) as u32,
         };
         let spots: Vec<MattePoint> = (0..4 * pixels).map(spot).collect();
-        let all = lights.irradiance(&ball(), &spots, &mut MatteRays::default());
+        let all = lights.irradiance(&ball(), &spots, &mut ShadowRays::default());
         let share = 1.0 / all.len() as f64;
         all.iter().fold(Irradiance::default(), |sum, one| Irradiance {
             lit: sum.lit + share * one.lit,
