@@ -167,7 +167,7 @@ mod tests {
         assert!((grey - linear_from_srgb(0.5)).abs() < 1e-9, "{grey}");
         let [dim, bright] = [0.1, 20.0].map(|red| Tone::Agx.shown(DVec3::new(red, 0.0, 0.0)));
         let paleness = |shown: DVec3| shown.y / shown.x;
-        assert!(paleness(dim) < 0.3 && paleness(bright) > 0.6, "{dim} {bright}");
+        assert!(paleness(dim) < 0.1 && paleness(bright) > 0.5, "{dim} {bright}");
         // Cut off, it is as red as a display can.
         assert_eq!(Tone::None.shown(DVec3::new(20.0, 0.0, 0.0)), DVec3::X);
         // The slope at the pivot, by differences.

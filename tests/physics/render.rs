@@ -230,7 +230,7 @@ fn opaque_parts_are_matte_or_black_and_back_sides_black() {
     let frame = shown(DVec3::Y, &ground);
     let shadow = |x: usize, y: usize| frame.pixels[y * 80 + x].shadow;
     let dark = frame.pixels.iter().filter(|p| p.shadow > 0.99).count();
-    assert!(dark > 30 && frame.pixels.iter().all(|p| p.shadow + p.coverage < 1.0 + 1e-6), "{dark}");
+    assert!(dark > 10 && frame.pixels.iter().all(|p| p.shadow + p.coverage < 1.0 + 1e-6), "{dark}");
     assert_eq!((shadow(2, 70), shadow(77, 70), shadow(2, 2)), (0.0, 0.0, 0.0));
     let hollow = Fake::new(inside_out(icosphere(3.0, 3)));
     let frame = hollow.render(&hollow.uniform(), &settings(camera([0.0, 0.0, 30.0], 20.0), size(16, 16)));

@@ -177,7 +177,7 @@ fn a_photon_beam_says_how_far_it_stays_from_white() {
     let white = Target::of_medium(&skin(), Radius::MeanFreePath, all, all);
     let found = invert(&loaded("photon-beam"), &white).unwrap();
     assert!(!found.is_reached());
-    assert!(found.gap().max_element() < -0.04 && found.gap().min_element() > -0.08, "{}", found.gap());
+    assert!(found.gap().max_element() < -0.03 && found.gap().min_element() > -0.08, "{}", found.gap());
     assert_eq!(found.properties.sigma_a_per_mm, DVec3::ZERO);
     assert!(invert(&loaded("dipole"), &white).unwrap().is_reached());
     // What the boundary reflects on the way in is a highlight, no colour.
@@ -199,7 +199,8 @@ fn a_colour_by_walks_is_another_medium_than_by_the_dipole() {
     let [by_dipole, by_walks] = [Reflector::default(), Reflector::Volume].map(|r| invert(&r, &target).unwrap());
     assert!(by_dipole.is_reached() && by_walks.is_reached());
     let seen = Reflector::Volume.colour(&by_dipole.properties).unwrap() / target.colour;
-    assert!(seen.min_element() > 1.02 && seen.max_element() < 1.6, "{seen}");
+    // 2 % too bright at a colour of 0.8, 5 % at 0.5.
+    assert!((seen - 1.0).abs().max_element() > 0.03 && (seen - 1.0).abs().max_element() < 0.1, "{seen}");
 }
 
 #[test]
