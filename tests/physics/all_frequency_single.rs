@@ -147,7 +147,13 @@ fn nothing_beside_the_radiosity_unless_it_is_asked_for() {
         evaluator.set_lights(vec![environment()], &Silent).unwrap();
     }
     assert!(plain.single_scattering(&Silent).unwrap().is_none());
-    assert_eq!(plain.radiosity(&Silent).unwrap(), with.radiosity(&Silent).unwrap());
+    // Every photon once: what is beside the radiosity is not in it.
+    let mean = |values: &[DVec3]| values.iter().sum::<DVec3>() / values.len() as f64;
+    let [all, later] = [&mut plain, &mut with].map(|evaluator| mean(&evaluator.radiosity(&Silent).unwrap()));
+    let first = mean(&with.single_scattering(&Silent).unwrap().unwrap());
+    println!("the later orders over all {}, with the first {}", later / all, (later + first) / all);
+    assert!((later / all).max_element() < 0.85, "{}", later / all);
+    assert!(((later + first) / all - 1.0).abs().max_element() < 0.25, "{}", (later + first) / all);
     assert!(with.cost().resident_bytes > plain.cost().resident_bytes);
 }
 
