@@ -10,7 +10,7 @@ fn prepared_edits_are_those_of_a_fresh_evaluator() {
     let scene = Shared::Group.scene();
     let areas = vertex_areas(&scene);
     for method in every() {
-        let lights = served(method, &every_light(&scene));
+        let lights = served(method, &every_light_but(LightKind::Spot, &scene));
         let mut plain = Shared::Group.baked(method);
         let [mut before, mut after] = [Shared::Group.baked(method), Shared::Group.baked(method)];
         before.prepare_for_edits(&Silent);

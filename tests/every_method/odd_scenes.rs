@@ -9,7 +9,7 @@ fn triangle(size_mm: f64) -> SourceModel {
 /// Bakes and evaluates a scene with every method under every light, alone and all at once. A flat or convex surface
 /// under constant light returns at most what arrives, `most` times pi.
 fn survives(name: &str, scene: &Scene, samples: &[usize], most: f64) {
-    let lights = every_light(scene);
+    let lights = every_light_but(LightKind::Point, scene);
     for method in every() {
         for &samples in samples {
             let what = format!("{name}, {}, {samples} samples", method.name());
