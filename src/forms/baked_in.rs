@@ -283,7 +283,7 @@ impl<S: Stored + 'static> BakedIn<S> {
         Beside { single, outside, calibration }: Beside,
     ) -> Result<Box<dyn Evaluator>> {
         let (lights, bvh, light) = (Vec::new(), OnceLock::new(), stored.light(&[])?);
-        let orders = if matches!(single, Single::None) { Orders::FromOne } else { Orders::FromTwo };
+        let orders = Orders::beside_first(!matches!(single, Single::None));
         Ok(Box::new(Self {
             scene,
             bvh,

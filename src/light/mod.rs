@@ -108,6 +108,11 @@ impl LightKind {
     /// transport by places of the surface, which no row over directions and distances has; what is gathered serves it anyway.
     pub const STORABLE: [Self; 5] = [Self::Constant, Self::Directional, Self::Point, Self::Area, Self::Environment];
 
+    /// See [`Light::is_sharp`].
+    pub fn is_sharp(self) -> bool {
+        matches!(self, Self::Directional | Self::Point | Self::Spot)
+    }
+
     /// Its name on the command line.
     pub fn name(self) -> &'static str {
         match self {
@@ -214,7 +219,7 @@ impl Light {
 
     /// Returns whether it comes from one direction or one place at each point, so that its shadows have sharp edges.
     pub fn is_sharp(&self) -> bool {
-        matches!(self, Self::Directional { .. } | Self::Point { .. } | Self::Spot { .. })
+        self.kind().is_sharp()
     }
 
     /// Place in world mm, intensity and falloff of a light that shines from one place.

@@ -21,6 +21,13 @@ pub enum Orders {
     FromTwo,
 }
 
+impl Orders {
+    /// Those of a kernel beside which the first order has a stage of its own, or has none.
+    pub fn beside_first(is_apart: bool) -> Self {
+        if is_apart { Self::FromTwo } else { Self::FromOne }
+    }
+}
+
 /// A radial diffuse reflectance profile R_d(r) of one channel, r in mm, R_d in 1/mm^2.
 ///
 /// Everything about a radial profile on planar pieces follows from its tail integral

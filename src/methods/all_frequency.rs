@@ -1,7 +1,7 @@
 //! `all_frequency`: radiosity under light from far away, transport stored as vectors over the directions of an
 //! environment (Wang, Tran & Luebke 2005).
 
-use super::keys::{self, INTER_REFLECTION, SINGLE_CROSSINGS, SINGLE_FORM};
+use super::keys::{self, INTER_REFLECTION, SCATTERED, SINGLE_CROSSINGS, SINGLE_FORM, Scattered};
 use crate::error::{Error, Result};
 use crate::evaluate::keys::{Auto, Key, Keys, Number, OneOf, PowerOfTwo};
 use crate::evaluate::{About, AnyForm, BakeSettings, Method};
@@ -25,24 +25,10 @@ const DENSITY_RMS: f64 = 0.02;
 /// Default number of coefficients of a row: the paper's.
 const ROW: usize = 128;
 
-/// Choice of single scattering, before its number of terms.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Scattered {
-    Off,
-    Isotropic,
-    Folded,
-    Phase,
-}
-
 const SINGLE: Key<OneOf<Scattered>> = Key::new(
     "single-scattering",
     "off",
-    OneOf(&[
-        ("off", Scattered::Off),
-        ("isotropic", Scattered::Isotropic),
-        ("folded", Scattered::Folded),
-        ("phase", Scattered::Phase),
-    ]),
+    SCATTERED,
     "isotropic: with reduced coefficients, a value for each vertex; folded: the same as part of the radiosity, which costs nothing at \
      run time; phase: by the g of each medium, towards the eye, and g stays free at run time (its directions; extinction is baked)",
 );

@@ -86,6 +86,23 @@ pub(super) fn outside(keys: &Keys, rays: &Key<PowerOfTwo>) -> Result<Option<Outs
     }
 }
 
+/// Choice of single scattering of a method whose material is baked in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Scattered {
+    Off,
+    Isotropic,
+    Folded,
+    Phase,
+}
+
+/// The words of that choice.
+pub(super) const SCATTERED: OneOf<Scattered> = OneOf(&[
+    ("off", Scattered::Off),
+    ("isotropic", Scattered::Isotropic),
+    ("folded", Scattered::Folded),
+    ("phase", Scattered::Phase),
+]);
+
 /// Key for single scattering by rays at run time.
 pub(super) const SINGLE: Key<OneOf<Option<Scattering>>> = Key::new(
     "single-scattering",

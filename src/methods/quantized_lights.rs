@@ -1,7 +1,7 @@
 //! `quantized_lights`: radiosity under a quantised set of lights, precomputed; any light is interpolated from the set
 //! (Hao & Varshney 2004). A program of its own, `examples/papers`, stores exactly the paper's data.
 
-use super::keys::{self, SINGLE_CROSSINGS, SINGLE_FORM};
+use super::keys::{self, SCATTERED, SINGLE_CROSSINGS, SINGLE_FORM, Scattered};
 use crate::error::{Error, Result};
 use crate::evaluate::keys::{Auto, Key, Keys, Number, OneOf};
 use crate::evaluate::single_scattering::Scattering;
@@ -87,24 +87,10 @@ pub const BLEND: Key<OneOf<Blend>> = Key::new(
 )
 .expert();
 
-/// Choice of single scattering.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Scattered {
-    Off,
-    Folded,
-    Isotropic,
-    Phase,
-}
-
 const SINGLE: Key<OneOf<Scattered>> = Key::new(
     "single-scattering",
     "off",
-    OneOf(&[
-        ("off", Scattered::Off),
-        ("folded", Scattered::Folded),
-        ("isotropic", Scattered::Isotropic),
-        ("phase", Scattered::Phase),
-    ]),
+    SCATTERED,
     "light that scatters once, whose orders the stored radiosity has not then; folded: isotropic, baked into the radiosity, which costs \
      nothing at run time; isotropic: by rays at run time, for each vertex; phase: by rays at run time, by the medium's g, towards the eye",
 );

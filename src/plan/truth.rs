@@ -301,8 +301,7 @@ impl<'a> Sampling<'a> {
         (truth, samples): (Truth, usize),
         kinds: &BTreeSet<LightKind>,
     ) -> Self {
-        let soft_is_asked =
-            kinds.iter().any(|kind| !matches!(kind, LightKind::Directional | LightKind::Point | LightKind::Spot));
+        let soft_is_asked = kinds.iter().any(|kind| !kind.is_sharp());
         Self {
             soft_is_asked,
             scene,

@@ -135,7 +135,7 @@ pub(crate) fn with_work<T>(
     progress.start("samples", 0);
     let sampled = SampledScene::with_density(scene, plan.density, settings)?;
     // Where the first scattering has a stage of its own the kernels hold the others.
-    let orders = if plan.single == Single::Off { Orders::FromOne } else { Orders::FromTwo };
+    let orders = Orders::beside_first(plan.single != Single::Off);
     let (sampled, calibration) = sampled.with_model(settings, orders, progress)?;
     progress.finish();
     sampled.with_transfer(NearField::for_error(settings.max_rms), |mut transfer| {

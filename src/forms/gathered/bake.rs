@@ -116,7 +116,7 @@ impl Form for Gathered {
         let samples = Samples::new(&scene.mesh, &scene.parts, count);
         let environment = self.environment.filter(|_| settings.is_for(LightKind::Environment));
         // Where the first scattering has a stage of its own the kernels hold the others.
-        let orders = if self.single.is_some() { Orders::FromTwo } else { Orders::FromOne };
+        let orders = Orders::beside_first(self.single.is_some());
         let (calibrated, calibration) = match settings.model {
             Model::Dipole => (None, Vec::new()),
             Model::Calibrated(walks) => {
@@ -218,7 +218,7 @@ fn measured(
         ledger: Ledger::default(),
         sections: sections.to_vec(),
     };
-    let orders = if form.single.is_some() { Orders::FromTwo } else { Orders::FromOne };
+    let orders = Orders::beside_first(form.single.is_some());
     let evaluator = GatheredEvaluator::new(Arc::new(asset), form.gathering(Some(quality)));
     let mut evaluator = evaluator.with_model()?.of_orders(orders)?;
     evaluator.set_lights(vec![unseen.remove(0)], progress)?;

@@ -122,7 +122,7 @@ impl GatheredEvaluator {
     /// # Errors
     /// As [`LoadedProfile::channels`].
     pub(crate) fn with_single(self, single: Option<Traced>) -> Result<Self> {
-        let orders = if single.is_some() { Orders::FromTwo } else { Orders::FromOne };
+        let orders = Orders::beside_first(single.is_some());
         Ok(Self { single, ..self.of_orders(orders)? })
     }
 

@@ -29,10 +29,7 @@ pub enum FirstOrder {
 impl FirstOrder {
     /// The orders of scattering that the kernel holds.
     pub fn orders(&self) -> Orders {
-        match self {
-            Self::InKernel => Orders::FromOne,
-            Self::Folded(_) | Self::AtRunTime(_) => Orders::FromTwo,
-        }
+        Orders::beside_first(*self != Self::InKernel)
     }
 
     /// Refuses settings out of range.

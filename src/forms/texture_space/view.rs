@@ -80,10 +80,12 @@ impl Frame {
     pub(super) fn new(scene: &Scene, light: &Light, local: &Local) -> Result<Self> {
         let [low, high] = scene.mesh.bounds_local_mm();
         let (centre, radius) = (0.5 * (low + high), 0.5 * (high - low).length());
-        let from = match light {
-            Light::Directional { from, .. } => From::Direction(from.normalize_or(DVec3::Y)),
-            Light::Point { at_mm, .. } | Light::Spot { at_mm, .. } => From::Place(*at_mm - scene.mesh.origin_mm),
-            other => {
+        let (from, colour, falloff) = match (light, light.from_place()) {
+            (Light::Directional { from, irradiance }, _) => {
+                (From::Direction(from.normalize_or(DVec3::Y)), *irradiance, ConeFalloff::NONE)
+            }
+            (_, Some((at_mm, intensity, falloff))) => (From::Place(at_mm - scene.mesh.origin_mm), intensity, falloff),
+            (other, None) => {
                 let kind = other.kind().name();
                 return Err(Error::unsupported(format!(
                     "sampling=hybrid sees directional, point and spot lights, not {kind}; --set sampling=product takes all"
@@ -109,12 +111,6 @@ impl Frame {
             From::Place(_) => [0.0; 2],
         };
         let start = centre.dot(towards) + 1.01 * radius;
-        let (colour, falloff) = match light {
-            Light::Directional { irradiance, .. } => (*irradiance, ConeFalloff::NONE),
-            other => other
-                .from_place()
-                .map_or((DVec3::ZERO, ConeFalloff::NONE), |(_, intensity, falloff)| (intensity, falloff)),
-        };
         Ok(Self { from, colour, falloff, axes, middle, half: half * 1.001, start, pixels: local.image })
     }
 }
