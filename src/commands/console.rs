@@ -78,6 +78,8 @@ struct State {
     warnings: Vec<String>,
     /// Those of the warnings that are about quality.
     faults: Vec<String>,
+    /// Stages whose results a cache had.
+    reused: Vec<String>,
 }
 
 impl Console {
@@ -108,6 +110,12 @@ impl Console {
             started: Instant::now(),
             reports: Reports::Kept(Mutex::default()),
         }
+    }
+
+    /// A console for work within a work that tells itself what it does: nothing is printed.
+    pub(super) fn silent(&self) -> Self {
+        let global = Global { quiet: true, json: false, strict: false, ..self.global.clone() };
+        Self { meter: Meter::new(Telling::None, true), global, ..self.of_job(false) }
     }
 
     /// The report that was kept.
@@ -152,6 +160,11 @@ impl Console {
         self.state().faults.push(line.to_owned());
     }
 
+    /// Enters stages whose results a cache had.
+    pub(super) fn reused(&self, stages: &[&str]) {
+        self.state().reused.extend(stages.iter().map(|stage| (*stage).to_owned()));
+    }
+
     /// The exit code of a command that has done its work: with `--strict` an error, if there were faults.
     pub(super) fn verdict(&self, code: ExitCode) -> Result<ExitCode> {
         let faults = self.state().faults.join("; ");
@@ -182,10 +195,12 @@ impl Console {
         // Each lock is given back before the next: within one statement they would wait for each other.
         let stages = self.state().times.clone();
         let warnings = self.state().warnings.clone();
+        let reused = self.state().reused.clone();
         let estimated_memory_bytes = self.state().estimated_memory;
         let timings = Timings {
             seconds: self.seconds(),
             stages,
+            reused,
             estimated_memory_bytes,
             peak_memory_bytes: peak_memory(),
             threads: rayon::current_num_threads(),
