@@ -7,6 +7,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use super::baking::{self, BakeOptions, WalkOptions};
+use super::caching::{BakeCache, CacheOptions};
 use super::configuration::FileOptions;
 use super::console::Console;
 use super::model::ModelArgs;
@@ -54,6 +55,8 @@ pub(super) struct BakeArgs {
     walks: WalkOptions,
     #[command(flatten)]
     build: BuildOptions,
+    #[command(flatten)]
+    cache: CacheOptions,
     #[command(flatten)]
     pub(super) files: FileOptions,
 }
@@ -108,18 +111,24 @@ pub(super) fn run(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
     if args.build.is_current(&args.output, &request, &args.model, console)? {
         return current(args, console);
     }
+    let cache = if args.build.dry_run { None } else { args.cache.open()? };
     let imported = args.model.load(args.inside.reflector(), console)?;
     if args.build.dry_run {
         return forecast(&what, imported, console);
     }
     let mesh = imported.check.clone();
+    let stages = BakeCache::for_stages(&cache);
     let (mut asset, plan) = match what {
-        What::Named(recipe) => (Some(baking::bake(recipe, imported, console)?), None),
+        What::Named(mut recipe) => {
+            recipe.settings.cache = stages;
+            (Some(baking::bake(recipe, imported, console)?), None)
+        }
         What::Planned(wanted) => {
-            let (plan, asset) = planning::bake(&wanted, imported, request.clone(), console)?;
+            let (plan, asset) = planning::bake(&wanted, imported, (request.clone(), stages), console)?;
             (asset, Some(plan))
         }
     };
+    cache.iter().for_each(|cache| cache.tell(console));
     // A plan's asset has it already, whose size is part of the plan.
     if let Some(asset) = &mut asset {
         asset.provenance.settings.insert(REQUEST.to_owned(), request);

@@ -80,6 +80,8 @@ struct State {
     /// Those of the warnings that are about quality.
     faults: Vec<String>,
     looks: Vec<LookReport>,
+    /// Stages whose results a cache had.
+    reused: Vec<String>,
 }
 
 impl Console {
@@ -110,6 +112,12 @@ impl Console {
             started: Instant::now(),
             reports: Reports::Kept(Mutex::default()),
         }
+    }
+
+    /// A console for work within a work that tells itself what it does: nothing is printed.
+    pub(super) fn silent(&self) -> Self {
+        let global = Global { quiet: true, json: false, strict: false, ..self.global.clone() };
+        Self { meter: Meter::new(Telling::None, true), global, ..self.of_job(false) }
     }
 
     /// The report that was kept.
@@ -164,6 +172,11 @@ impl Console {
         is_new
     }
 
+    /// Enters stages whose results a cache had.
+    pub(super) fn reused(&self, stages: &[&str]) {
+        self.state().reused.extend(stages.iter().map(|stage| (*stage).to_owned()));
+    }
+
     /// The exit code of a command that has done its work: with `--strict` an error, if there were faults.
     pub(super) fn verdict(&self, code: ExitCode) -> Result<ExitCode> {
         let faults = self.state().faults.join("; ");
@@ -195,10 +208,12 @@ impl Console {
         let stages = self.state().times.clone();
         let warnings = self.state().warnings.clone();
         let looks = self.state().looks.clone();
+        let reused = self.state().reused.clone();
         let estimated_memory_bytes = self.state().estimated_memory;
         let timings = Timings {
             seconds: self.seconds(),
             stages,
+            reused,
             estimated_memory_bytes,
             peak_memory_bytes: peak_memory(),
             threads: rayon::current_num_threads(),

@@ -2,6 +2,7 @@
 
 mod bake;
 mod baking;
+mod caching;
 mod chart;
 mod compare;
 mod completions;
@@ -12,6 +13,7 @@ mod device;
 mod evaluate;
 mod export;
 mod failures;
+mod fixtures;
 mod inspect;
 mod interrupts;
 mod jobs;
@@ -87,6 +89,8 @@ enum Command {
     Methods(methods::MethodsArgs),
     /// Bake a built-in model under a built-in sky, render it and say what to type next
     Demo(demo::DemoArgs),
+    /// Make what tests keep under `fixtures/` again, or compare it
+    Fixtures(fixtures::FixturesArgs),
     /// Completions for a shell: methods, their keys and the words that these take among them
     Completions(completions::CompletionsArgs),
     /// The manual's page of the program or of a command, for `man`
@@ -259,6 +263,7 @@ fn run_command(cli: Cli, console: &Console, pool: rayon::ThreadPool) -> Result<E
         Command::Materials => console.show("materials", &MaterialsReport::of_presets()),
         Command::Methods(args) => methods::run(&args, console),
         Command::Demo(args) => demo::run(&args, console),
+        Command::Fixtures(args) => fixtures::run(&args, console),
         Command::Completions(args) => completions::run(&args, command(), console),
         Command::Man(args) => man::run(&args, command(), console),
         // Has run above: a window must be on the main thread.

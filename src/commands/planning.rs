@@ -10,7 +10,7 @@ use super::output::probe;
 use crate::asset::{Asset, Provenance, REQUEST};
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::keys::share;
-use crate::evaluate::{Model, Recipe};
+use crate::evaluate::{Model, Recipe, StageCache};
 use crate::forms::gathered::uncalibrated;
 use crate::import::Imported;
 use crate::import::file::suffix;
@@ -144,7 +144,7 @@ impl PlanOptions {
 pub(super) fn bake(
     request: &Request,
     imported: Imported,
-    hash: String,
+    (hash, cache): (String, StageCache),
     console: &Console,
 ) -> Result<(Plan, Option<Asset>)> {
     let Imported { scene, origin, .. } = imported;
@@ -154,6 +154,7 @@ pub(super) fn bake(
         registry: &console.registry,
         provenance,
         max_memory: console.max_memory.saturating_sub(resident_memory()),
+        cache,
     };
     let Planned { mut plan, asset } = plan::bake(request, &scene, &setting, console)?;
     plan.judge_times(console.seconds());
@@ -175,6 +176,7 @@ pub(super) fn choose(request: &Request, scene: &Scene, origin: Provenance, conso
         registry: &console.registry,
         provenance: origin,
         max_memory: console.max_memory.saturating_sub(resident_memory()),
+        cache: StageCache::default(),
     };
     let missed = || Error::new(ExitCode::QualityNotMet, "nothing that could be baked is expected to meet the request");
     plan::choose(request, scene, &setting, console)?.ok_or_else(missed)

@@ -8,7 +8,7 @@ use schemars::{JsonSchema, Schema};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-use super::{bake, chart, demo, failures, jobs, many, meter, relight};
+use super::{bake, chart, demo, failures, fixtures, jobs, many, meter, relight};
 use crate::measure::chart::Chart;
 use crate::measure::growth::Growth;
 use crate::plan::Plan;
@@ -118,6 +118,7 @@ fn documents() -> Vec<Document> {
         Document::report("materials").body::<MaterialsReport>(),
         Document::report("methods").body::<MethodsReport>(),
         Document::report("demo").body::<demo::DemoReport>(),
+        Document::report("fixtures").body::<fixtures::FixturesReport>(),
         Document::new(crate::measure::chart::SCHEMA).shape::<Chart>(),
         Document::new(crate::measure::growth::SCHEMA).shape::<Growth>(),
         Document::new(crate::plan::SCHEMA).shape::<Plan>(),

@@ -16,6 +16,7 @@ use super::forecast::Forecast;
 use super::guarded::Guarded;
 use super::memory;
 use super::model_error::ModelWalks;
+use super::stage_cache::StageCache;
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
@@ -52,6 +53,8 @@ pub struct BakeSettings {
     pub walks: Option<Arc<ModelWalks>>,
     /// Probe lights for choices and for reported errors.
     pub probes: Probes,
+    /// Results of stages of earlier bakes.
+    pub cache: StageCache,
 }
 
 impl BakeSettings {
@@ -65,6 +68,7 @@ impl BakeSettings {
             kernels: Vec::new(),
             walks: None,
             probes: Probes::default(),
+            cache: StageCache::default(),
         }
     }
 

@@ -17,6 +17,7 @@ pub mod method;
 mod model_error;
 pub mod sampling_error;
 pub mod single_scattering;
+pub mod stage_cache;
 pub mod stages;
 pub mod summed;
 
@@ -28,3 +29,4 @@ pub use forecast::Forecast;
 pub use form::{AnyForm, AssetParts, BakeSettings, Form, Model, Probes, RegisteredForm};
 pub use method::{About, Method, Recipe, Registry};
 pub use model_error::ModelWalks;
+pub use stage_cache::StageCache;

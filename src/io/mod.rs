@@ -1,6 +1,7 @@
 //! Files to plain buffers and back: OBJ, glTF, PLY, EXR, Radiance HDR, PNG.
 
 pub mod atomic;
+pub mod cache;
 pub mod colour;
 pub mod environment;
 pub mod exr;

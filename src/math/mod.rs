@@ -5,6 +5,7 @@ pub mod cube_map;
 pub mod eigen;
 pub mod haar;
 pub mod leading;
+pub mod machine;
 pub mod nnls;
 pub mod quadrature;
 pub mod random;

@@ -30,7 +30,7 @@ use crate::asset::{Asset, Provenance};
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
 use crate::evaluate::forecast::Body;
-use crate::evaluate::{Recipe, Registry};
+use crate::evaluate::{Recipe, Registry, StageCache};
 use crate::geometry::samples::Samples;
 use crate::measure::probes::for_bake;
 use crate::progress::Progress;
@@ -64,6 +64,8 @@ pub struct Setting<'a> {
     pub provenance: Provenance,
     /// Memory that a bake may take, bytes.
     pub max_memory: u64,
+    /// Results of stages of earlier bakes.
+    pub cache: StageCache,
 }
 
 /// Chooses, bakes and measures.
@@ -159,6 +161,7 @@ fn prepared(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
         candidate.recipe.settings.probes.clone_from(&probes);
         candidate.recipe.settings.kernels.clone_from(&kernels);
         candidate.recipe.settings.walks.clone_from(&walks);
+        candidate.recipe.settings.cache = setting.cache.clone();
     }
     let truth = Truth::new(scene, seen, samples, &kernels, progress)?;
     Ok(Prepared { all, families: families.len(), plan, kernels, truth, samples })

@@ -61,6 +61,9 @@ pub struct Timings {
     pub seconds: f64,
     /// Stages in the order of their first start; one that ran several times has one entry with the sum.
     pub stages: Vec<StageTime>,
+    /// Stages whose results `--cache` had; left out where there are none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub reused: Vec<String>,
     /// Memory that the work was expected to take, bytes, before it began; 0 for commands that estimate none.
     pub estimated_memory_bytes: u64,
     /// Largest resident size of the process, bytes; 0 where the system does not report it.

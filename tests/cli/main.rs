@@ -6,6 +6,7 @@ mod common;
 
 mod asset;
 mod builds;
+mod cache;
 mod chart;
 mod compare_assets;
 mod compare_flip;

@@ -18,7 +18,6 @@ mod all_frequency;
 mod all_frequency_single;
 mod baked;
 mod flip;
-mod golden;
 mod gpu_quantized_lights;
 mod gpu_transport;
 mod inter_reflection;

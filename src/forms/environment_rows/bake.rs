@@ -5,13 +5,15 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use rayon::prelude::*;
-use translux_format::RawSection;
+use translux_format::rows::IrradianceRows;
+use translux_format::{Codec, Kind, RawSection, Tag};
 
 use super::settings::{EnvironmentRows, TERMS};
 use super::stored::{IN_ROWS, StoredRows};
 use crate::compress::ledger::Ledger;
 use crate::compress::rows::Rows;
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::evaluate::StageCache;
 use crate::evaluate::form::write_error;
 use crate::evaluate::stages::{of_kinds, probe_points, worst};
 use crate::geometry::samples::{self, Samples};
@@ -42,20 +44,29 @@ const NATIVE_DIRECTIONS: u32 = 1024;
 /// Samples whose visibility is checked with one ray for each sub-texel.
 const CHECKED: usize = 32;
 
-/// Sections of the rows of every sample, which lie in the order of their tree; their errors are entered into the ledger.
+/// Sections of the rows of every sample, which lie in the order of their tree; their errors under unseen lights are entered into the ledger.
 ///
 /// # Errors
 /// Media whose refractive index the rows do not serve; lights that do not fit a cube map.
 pub fn bake(
     (surface, receivers): (&Surface, &Receivers),
     how: (EnvironmentRows, LightSampling, NearField),
-    unseen: &[Light],
+    (unseen, cache): (&[Light], &StageCache),
     ledger: &mut Ledger,
     progress: &dyn Progress,
 ) -> Result<Vec<RawSection>> {
-    let rows = rows(surface, how.0, progress)?;
-    measure(surface, receivers, how, unseen, ledger, progress)?;
-    rows.into_data().to_sections().map_err(write_error)
+    let (settings, samples) = (how.0, surface.samples);
+    // Of the media they know nothing.
+    let sections = cache.sections(
+        "irradiance rows",
+        |key| {
+            key.surface(surface.domain.mesh).samples(samples).text(&format!("{settings:?} {TERMS}"));
+        },
+        |sections| matches!(IrradianceRows::from_sections(sections, samples.len()), Ok(Some(_))),
+        || rows(surface, settings, progress)?.into_data().to_sections().map_err(write_error),
+    )?;
+    measure(surface, receivers, how, (unseen, cache), ledger, progress)?;
+    Ok(sections)
 }
 
 /// Rows of every sample, in blocks.
@@ -68,7 +79,7 @@ fn measure(
     full: &Surface,
     receivers: &Receivers,
     (settings, sampling, near): (EnvironmentRows, LightSampling, NearField),
-    unseen: &[Light],
+    (unseen, cache): (&[Light], &StageCache),
     ledger: &mut Ledger,
     progress: &dyn Progress,
 ) -> Result<()> {
@@ -89,44 +100,128 @@ fn measure(
     let samples = in_tree_order(&unordered, &samples::patches(domain.mesh, &unordered));
     let patches = samples::patches(domain.mesh, &samples);
     let surface = Surface { domain, bvh: full.bvh, samples: &samples, patches: &patches };
-    let visibility = visibility_error(&surface, settings);
-    progress.advance(1);
-    let stored = StoredRows::new(rows(&surface, settings, &Silent)?);
-    let side = settings.side as usize;
-    let everything = RowBaker::new(&surface, settings.of_rows(6 * side * side))?;
-    progress.advance(1);
+    let sections = cache.sections(
+        "environment errors",
+        |key| {
+            key.surface(domain.mesh).samples(&samples).rows(&domain.parts.triangle_part).rows(&etas);
+            let media: Vec<u32> = domain.parts.parts.iter().map(|part| part.medium.unwrap_or(u32::MAX)).collect();
+            key.rows(&media).text(&format!("{settings:?} {TERMS} {sampling:?} {NATIVE_DIRECTIONS} {CHECKED}"));
+            for light in &lights {
+                key.light(light);
+            }
+        },
+        |sections| Lit::of_sections(sections, lights.len() * samples.len()).is_some(),
+        || Ok(Lit::new(&surface, (settings, sampling), &lights, &etas, progress)?.to_sections()),
+    )?;
+    let missing = || Error::runtime("irradiance that was just made is gone");
+    let Lit { visibility, differing, irradiance } =
+        Lit::of_sections(&sections, lights.len() * samples.len()).ok_or_else(missing)?;
 
     let (subset, points) = probe_points(receivers, &receivers.areas_mm2(domain.mesh));
     let tree = SampleTree::default();
     let gather = Gather::new(&surface, &tree, domain.media, near);
     let radiosity = |e: &[DVec3]| gather.radiosity(&subset, &gather.light(e), Scheme::AllPairs, &Silent);
-    // Suns go by rays, as they do at run time.
-    let parts: Vec<Vec<Light>> = lights.iter().map(|light| apart(std::slice::from_ref(light), |_| true)).collect();
-    let maps: Vec<Light> = parts.iter().map(|part| part[0].clone()).collect();
-    let unabridged = full_resolution(&everything, &surface, &maps, side)?;
-    let native_sampling = LightSampling { directions: NATIVE_DIRECTIONS, ..sampling };
-    let [cube_map, truncation] = worst(lights.chunks(1).zip(&parts).zip(unabridged), |((light, part), mut full)| {
-        let native = Illumination::new(&surface, light, &etas, native_sampling)?.all(&Silent);
-        let mut kept = vec![DVec3::ZERO; samples.len()];
-        stored.add(&part[..1], domain, &samples, &mut kept)?;
-        let suns = Illumination::new(&surface, &part[1..], &etas, sampling)?.all(&Silent);
-        for (sum, sun) in full.iter_mut().chain(&mut kept).zip(suns.iter().cycle()) {
-            *sum += *sun;
-        }
-        let [native, full, kept] = [native, full, kept].map(|e| radiosity(&e));
-        progress.advance(1);
+    let [native, full, kept] = irradiance.each_ref().map(|e| e.chunks(samples.len().max(1)));
+    let [cube_map, truncation] = worst(native.zip(full).zip(kept), |((native, full), kept)| {
+        let [native, full, kept] = [native, full, kept].map(&radiosity);
         Ok([points.error(&full, &native), points.error(&kept, &full)])
     })?;
     progress.finish();
     let note = format!("the worst of {} environments, on {} samples of their own", lights.len(), samples.len());
-    ledger.add(
-        "visibility",
-        visibility.0,
-        format!("{} of {} sub-texels decided otherwise", visibility.1, visibility.2),
-    );
+    let [wrong, all] = differing;
+    ledger.add("visibility", visibility, format!("{wrong} of {all} sub-texels decided otherwise"));
     ledger.add("cube map", cube_map, format!("against {NATIVE_DIRECTIONS} rays into the native map; {note}"));
     ledger.add("row truncation", truncation, format!("quantiser included; {note}"));
     Ok(())
+}
+
+/// Tags of what [`Lit`] is kept as: five numbers of the error, two counts, irradiance.
+const LIT: [Tag; 5] = [
+    Tag::from_static("lit.err"),
+    Tag::from_static("lit.cnt"),
+    Tag::from_static("lit.nat"),
+    Tag::from_static("lit.ful"),
+    Tag::from_static("lit.kep"),
+];
+
+/// What errors under environments are measured from, before any light scatters: of the media it depends on their refractive indices alone.
+struct Lit {
+    /// Error of the irradiance by visibility.
+    visibility: VertexError,
+    /// Sub-texels that are decided otherwise, and all.
+    differing: [u64; 2],
+    /// Irradiance under each light at each sample: by rays into the native map, by rows without any loss, by rows.
+    irradiance: [Vec<DVec3>; 3],
+}
+
+impl Lit {
+    fn new(
+        surface: &Surface,
+        (settings, sampling): (EnvironmentRows, LightSampling),
+        lights: &[Light],
+        etas: &[f64],
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        let (samples, domain) = (surface.samples, surface.domain);
+        let (visibility, wrong, all) = visibility_error(surface, settings);
+        progress.advance(1);
+        let stored = StoredRows::new(rows(surface, settings, &Silent)?);
+        let side = settings.side as usize;
+        let everything = RowBaker::new(surface, settings.of_rows(6 * side * side))?;
+        progress.advance(1);
+        // Suns go by rays, as they do at run time.
+        let parts: Vec<Vec<Light>> = lights.iter().map(|light| apart(std::slice::from_ref(light), |_| true)).collect();
+        let maps: Vec<Light> = parts.iter().map(|part| part[0].clone()).collect();
+        let unabridged = full_resolution(&everything, surface, &maps, side)?;
+        let native_sampling = LightSampling { directions: NATIVE_DIRECTIONS, ..sampling };
+        let mut irradiance = [const { Vec::new() }; 3];
+        for ((light, part), mut full) in lights.chunks(1).zip(&parts).zip(unabridged) {
+            let native = Illumination::new(surface, light, etas, native_sampling)?.all(&Silent);
+            let mut kept = vec![DVec3::ZERO; samples.len()];
+            stored.add(&part[..1], domain, samples, &mut kept)?;
+            let suns = Illumination::new(surface, &part[1..], etas, sampling)?.all(&Silent);
+            for (sum, sun) in full.iter_mut().chain(&mut kept).zip(suns.iter().cycle()) {
+                *sum += *sun;
+            }
+            irradiance.iter_mut().zip([native, full, kept]).for_each(|(all, of_light)| all.extend(of_light));
+            progress.advance(1);
+        }
+        Ok(Self { visibility, differing: [wrong, all], irradiance })
+    }
+
+    fn to_sections(&self) -> Vec<RawSection> {
+        let Self { visibility: VertexError { rms, bias, p999, worst, dark }, differing, irradiance } = self;
+        let [error, count, tags @ ..] = LIT;
+        let (kind, raw) = (Kind::Method, Codec::Raw);
+        let mut sections = vec![
+            RawSection::from_rows(error, kind, raw, &[*rms, *bias, *p999, *worst, *dark]),
+            RawSection::from_rows(count, kind, raw, differing),
+        ];
+        sections.extend(tags.into_iter().zip(irradiance).map(|(tag, e)| {
+            let rows: Vec<[f64; 3]> = e.iter().map(DVec3::to_array).collect();
+            RawSection::from_rows(tag, kind, raw, &rows)
+        }));
+        sections
+    }
+
+    /// What sections hold; none where they are others, or of another number of values of each irradiance.
+    fn of_sections(sections: &[RawSection], count: usize) -> Option<Self> {
+        let [error, differing, irradiance @ ..] = sections else { return None };
+        if !sections.iter().map(|section| section.tag).eq(LIT) {
+            return None;
+        }
+        let [rms, bias, p999, worst, dark] = error.rows::<f64>().ok()?.try_into().ok()?;
+        let values = |section: &RawSection| -> Option<Vec<DVec3>> {
+            let rows = section.rows::<[f64; 3]>().ok().filter(|rows| rows.len() == count)?;
+            Some(rows.into_iter().map(DVec3::from_array).collect())
+        };
+        let irradiance: Vec<Vec<DVec3>> = irradiance.iter().map(values).collect::<Option<_>>()?;
+        Some(Self {
+            visibility: VertexError { rms, bias, p999, worst, dark },
+            differing: differing.rows::<u64>().ok()?.try_into().ok()?,
+            irradiance: irradiance.try_into().ok()?,
+        })
+    }
 }
 
 /// Irradiance under each light from rows of which nothing is dropped, chunk by chunk.
