@@ -34,6 +34,7 @@ mod relight;
 mod render;
 #[cfg(test)]
 mod schemas;
+mod sheet;
 mod validate;
 mod view;
 
@@ -69,6 +70,8 @@ enum Command {
     Evaluate(evaluate::EvaluateArgs),
     /// A picture of an asset under lights, as OpenEXR or PNG
     Render(render::RenderArgs),
+    /// One picture of several materials, sizes and lights of a model, from one bake
+    Sheet(sheet::SheetArgs),
     /// Radiosity or transfer of an asset for engines, as glTF
     Export(export::ExportArgs),
     /// Turn the lights of an asset in a window, or without one as pictures and timings
@@ -254,6 +257,7 @@ fn run_command(cli: Cli, console: &Console, pool: rayon::ThreadPool) -> Result<E
         Command::Bake(args) => bake::run(&args, console),
         Command::Evaluate(args) => evaluate::run(&args, console),
         Command::Render(args) => render::run(&args, console),
+        Command::Sheet(args) => sheet::run(&args, console),
         Command::Export(args) => export::run(&args, console),
         Command::Reference(args) => reference::run(&args, console),
         Command::Inspect(args) => inspect::run(&args, console),

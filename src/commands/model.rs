@@ -140,7 +140,7 @@ impl PlacementArgs {
     }
 
     /// The options as resolved.
-    fn options(&self, materials: MaterialChoice) -> ImportOptions {
+    pub(super) fn options(&self, materials: MaterialChoice) -> ImportOptions {
         let unit = self.unit.map(|unit| match unit {
             Unit::Mm => 1.0,
             Unit::Cm => 10.0,

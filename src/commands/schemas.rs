@@ -8,7 +8,7 @@ use schemars::{JsonSchema, Schema};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-use super::{bake, chart, demo, failures, fixtures, jobs, many, meter, relight};
+use super::{bake, chart, demo, failures, fixtures, jobs, many, meter, relight, sheet};
 use crate::measure::chart::Chart;
 use crate::measure::growth::Growth;
 use crate::plan::Plan;
@@ -109,6 +109,7 @@ fn documents() -> Vec<Document> {
         Document::report("evaluate-on").body::<OnMeshReport>(),
         Document::report("reference").body::<EvaluationReport>().body::<WalkReport>(),
         Document::report("render").body::<RenderReport>(),
+        Document::report("sheet").body::<sheet::SheetReport>(),
         Document::report("export").body::<ExportReport>(),
         relight,
         Document::report("inspect").files::<Inspection>(),

@@ -64,9 +64,14 @@ impl Exposure {
     /// pixels with any coverage, divided by the coverage, so that outlines count like the rest; by nearest rank. 1
     /// where all is black.
     pub fn factor(self, frame: &Frame) -> f64 {
+        self.factor_of_all(&[frame])
+    }
+
+    /// One factor for several pictures: automatic exposure looks at the pixels of all of them.
+    pub fn factor_of_all(self, frames: &[&Frame]) -> f64 {
         match self {
             Self::Stops(stops) => stops.clamp(-MAX_STOPS, MAX_STOPS).exp2(),
-            Self::Auto => white(&frame.pixels).map_or(1.0, f64::recip),
+            Self::Auto => white(frames.iter().flat_map(|frame| &frame.pixels)).map_or(1.0, f64::recip),
         }
     }
 
@@ -96,9 +101,9 @@ impl Exposure {
 }
 
 /// The radiance that becomes white; none where all is black.
-fn white(pixels: &[Pixel]) -> Option<f64> {
+fn white<'a>(pixels: impl Iterator<Item = &'a Pixel>) -> Option<f64> {
     let brightest = |p: &Pixel| f64::from(scattered(p).into_iter().fold(0.0, f32::max)) / f64::from(p.coverage);
-    let value = white_of(pixels.iter().filter(|p| p.coverage > 0.0).map(brightest).collect())?;
+    let value = white_of(pixels.filter(|p| p.coverage > 0.0).map(brightest).collect())?;
     (value >= f64::MIN_POSITIVE && value.is_finite()).then_some(value)
 }
 

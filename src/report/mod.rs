@@ -32,6 +32,7 @@ pub(crate) mod opened;
 pub(crate) mod picture;
 pub(crate) mod quality;
 pub(crate) mod radiosity_ply;
+pub(crate) mod sheet;
 pub mod sizes;
 pub(crate) mod text;
 pub mod validation;

@@ -230,6 +230,35 @@ fn the_header_says_what_made_the_picture() {
     folder.run(&format!("{line} --tone aces -o a.png")).fails(1, &["none, filmic, agx"]);
 }
 
+/// A sheet has a picture of each material, size and group of lights, made of one bake.
+#[test]
+fn a_sheet_shows_materials_and_sizes_from_one_bake() {
+    let folder = Folder::new();
+    folder.obj("ball.obj", &shapes::icosphere(5.0, 2));
+    let line = "sheet ball.obj --materials marble,jade,skin1 --sizes 5,50 --lights directional:from=0,1,1:irradiance=3 \
+                --lights constant:radiance=1;point:at=0,90,90:intensity=9000 --resolution 24x20 -o s.png -o s.html --json";
+    let report = folder.run(line).ok().json();
+    let cells = report["cells"].as_array().unwrap();
+    assert_eq!((cells.len(), &report["cells"][7]["material"]), (12, &"jade".into()));
+    assert_eq!(
+        report["cells"][7]["lights"].as_array().unwrap().len() + cells[5]["lights"].as_array().unwrap().len(),
+        3
+    );
+    // Light leaves a small ball of skin on all sides, a large one where it falls: the mean of its vertices tells.
+    let red = |index: usize| cells[index]["mean_radiosity"][0].as_f64().unwrap();
+    assert!(red(8) < 0.9 * red(9), "{} {}", red(8), red(9));
+    let page = String::from_utf8(folder.read("s.html")).unwrap();
+    assert_eq!(page.matches("<img").count(), 12);
+    let png = folder.png("s.png");
+    assert!(png.width > 4 * 24 && png.height > 3 * 20);
+    folder.run("sheet ball.obj --materials marbel --sizes 5 -o s.png").fails(1, &["did you mean marble"]);
+    folder.run("sheet ball.obj --materials marble --sizes 5 --unit mm -o s.png").fails(1, &["leave one out"]);
+    folder.run("sheet ball.obj --materials marble --sizes 5 --lights ; -o s.png").fails(1, &["no light"]);
+    folder
+        .run("sheet ball.obj --materials marble --sizes 5 --resolution 16000x16000 -o s.png")
+        .fails(1, &["--resolution"]);
+}
+
 #[test]
 fn light_from_one_side_lights_that_side_of_the_picture() {
     let folder = baked();

@@ -30,7 +30,8 @@ pub(in crate::measure) const COLOURS: [RGBColor; 8] = [
 
 /// Size of a chart in pixels.
 const SIZE: (u32, u32) = (900, 620);
-const FONT: &str = "sans-serif";
+/// The font of charts and sheets, once [`fonts`] has registered it.
+pub(crate) const FONT: &str = "sans-serif";
 
 /// Unit in which the numbers of an axis are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -161,7 +162,8 @@ pub fn as_png(drawing: &impl Drawing) -> Result<Vec<u8>> {
     encode_png(SIZE.0 as usize, SIZE.1 as usize, &rgb, None)
 }
 
-fn fonts() {
+/// Registers the font that text is drawn with.
+pub(crate) fn fonts() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
         for style in [FontStyle::Normal, FontStyle::Bold] {
