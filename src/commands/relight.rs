@@ -106,7 +106,7 @@ fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &C
     warn_of_places(evaluator.scene(), &lights, evaluator.cost().samples, console);
     let evaluator = drawn(evaluator, console);
     let resolution = args.resolution.unwrap_or(HEADLESS_RESOLUTION);
-    check_memory(resolution, console)?;
+    check_memory(resolution, 1, console)?;
     let settings = RenderSettings {
         samples_per_pixel: SAMPLES_PER_PIXEL,
         ..args.view.settings(&evaluator.scene().mesh, resolution)?

@@ -86,7 +86,7 @@ pub(super) struct PictureArgs {
 
 pub(super) fn run(args: &RenderArgs, console: &Console) -> Result<ExitCode> {
     output::check(&args.output, &["exr", "png"], console)?;
-    check_memory(args.picture.resolution, console)?;
+    check_memory(args.picture.resolution, 1, console)?;
     args.picture.view.specular()?;
     args.picture.view.camera()?;
     let lights = args.lights.load(console)?;

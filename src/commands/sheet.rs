@@ -116,7 +116,6 @@ struct Row {
 
 pub(super) fn run(args: &SheetArgs, console: &Console) -> Result<ExitCode> {
     output::check(&args.output, &["png", "html"], console)?;
-    check_memory(args.resolution, console)?;
     args.view.specular()?;
     args.view.camera()?;
     let rows = rows(&args.materials, console)?;
@@ -133,6 +132,7 @@ pub(super) fn run(args: &SheetArgs, console: &Console) -> Result<ExitCode> {
             rows.len()
         )));
     }
+    check_memory(args.resolution, rows.len() * columns, console)?;
     let asset = Arc::new(bake(args, &rows, &groups, console)?);
     let bytes = sizes(&asset.to_bytes()?)?;
     let sizes_mm = match args.sizes.as_slice() {
@@ -167,13 +167,14 @@ pub(super) fn run(args: &SheetArgs, console: &Console) -> Result<ExitCode> {
     let encode = |(index, frame): (usize, &Frame)| {
         to_toned_png(frame, (exposure_factors[group_of(index)], args.tone), args.view.background)
     };
-    let names = |group: &ResolvedLights| group.text.join("; ");
-    let heads = groups
-        .iter()
-        .flat_map(|group| sizes_mm.iter().map(move |size| [format!("{} mm", significant(*size)), names(group)]));
+    let heads = groups.iter().flat_map(|_| sizes_mm.iter().map(|size| format!("{} mm", significant(*size))));
     let sheet = Sheet {
         caption,
         rows: rows.iter().map(|row| row.name.clone()).collect(),
+        groups: match args.lights.as_slice() {
+            [] => groups.iter().map(|group| group.text.join("; ")).collect(),
+            typed => typed.iter().map(|text| without_folders(text)).collect(),
+        },
         columns: heads.collect(),
         cells: frames.iter().enumerate().map(encode).collect::<Result<_>>()?,
         cell,
@@ -211,6 +212,15 @@ fn groups(lights: &[String], console: &Console) -> Result<Vec<ResolvedLights>> {
         [] => Ok(vec![LightArgs::default().load(console)?]),
         groups => groups.iter().map(group).collect(),
     }
+}
+
+/// Lights as they were typed, files by their names alone.
+fn without_folders(lights: &str) -> String {
+    let short = |light: &str| match Path::new(light).file_name() {
+        Some(name) if !light.contains(':') => name.to_string_lossy().into_owned(),
+        _ => light.to_owned(),
+    };
+    lights.split(';').map(|light| short(light.trim())).collect::<Vec<String>>().join("; ")
 }
 
 /// One asset for all rows and columns: of the largest size and the material with the shortest mean free path, which need the most

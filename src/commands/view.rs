@@ -67,9 +67,9 @@ fn texture_help() -> String {
     )
 }
 
-/// Refuses a picture that the memory limit does not allow.
-pub(super) fn check_memory(resolution: Resolution, console: &Console) -> Result<()> {
-    let needed = memory_bytes(resolution);
+/// Refuses so many pictures at once that the memory limit does not allow.
+pub(super) fn check_memory(resolution: Resolution, count: usize, console: &Console) -> Result<()> {
+    let needed = memory_bytes(resolution).saturating_mul(count as u64);
     let share = (console.max_memory as f64 / needed as f64).sqrt();
     let side = |n: usize| ((n as f64 * share) as usize).max(1);
     let (width, height) = (side(resolution.width), side(resolution.height));

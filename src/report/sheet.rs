@@ -27,8 +27,10 @@ pub(crate) struct Sheet {
     pub(crate) caption: Vec<String>,
     /// Names of the rows.
     pub(crate) rows: Vec<String>,
-    /// Names of the columns, two lines each.
-    pub(crate) columns: Vec<[String; 2]>,
+    /// Names of groups of columns, all of the same number.
+    pub(crate) groups: Vec<String>,
+    /// Names of the columns, group after group.
+    pub(crate) columns: Vec<String>,
     /// Encoded PNG of each cell, row by row.
     pub(crate) cells: Vec<Vec<u8>>,
     /// Width and height of a cell in pixels.
@@ -67,11 +69,14 @@ impl Sheet {
             let style = TextStyle::from((FONT, LETTER).into_font()).color(&INK).pos(Pos::new(horizontal, VPos::Top));
             root.draw_text(text, &style, (x as i32, y as i32)).map_err(|e| Error::runtime(format!("sheet: {e}")))
         };
-        for (column, lines) in self.columns.iter().enumerate() {
-            let [x, _] = at(0, column);
-            for (line, text) in lines.iter().enumerate() {
-                write(text, [x + self.cell[0] / 2, GAP / 2 + line as u32 * LINE], HPos::Center)?;
-            }
+        for (column, text) in self.columns.iter().enumerate() {
+            write(text, [at(0, column)[0] + self.cell[0] / 2, GAP / 2 + LINE], HPos::Center)?;
+        }
+        let of_a_group = counts[1] / self.groups.len().max(1);
+        for (group, text) in self.groups.iter().enumerate() {
+            let wide = of_a_group as u32 * (self.cell[0] + GAP) - GAP;
+            let middle = at(0, group * of_a_group)[0] + wide / 2;
+            write(&shortened(text, (wide / LETTER * 5 / 3) as usize), [middle, GAP / 2], HPos::Center)?;
         }
         for (row, name) in self.rows.iter().enumerate() {
             let [_, y] = at(row, 0);
@@ -109,15 +114,19 @@ impl Sheet {
 
     /// The sheet as a page with its pictures inside.
     pub(crate) fn to_html(&self, title: &str) -> String {
-        let columns: String =
-            self.columns.iter().map(|[a, b]| format!("<th>{}<br>{}</th>", escaped(a), escaped(b))).collect();
+        let columns: String = self.columns.iter().map(|name| format!("<th>{}</th>", escaped(name))).collect();
         let count = self.columns.len().max(1);
+        let of_a_group = count / self.groups.len().max(1);
+        let groups = self.groups.iter().map(|name| format!("<th colspan=\"{of_a_group}\">{}</th>", escaped(name)));
+        let groups: String = groups.collect();
         let row = |(name, cells): (&String, &[Vec<u8>])| {
             let cells: String = cells
                 .iter()
                 .zip(&self.columns)
-                .map(|(cell, [a, b])| {
-                    let about = escaped(&format!("{name}, {a} {b}"));
+                .enumerate()
+                .map(|(index, (cell, column))| {
+                    let group = self.groups.get(index / of_a_group.max(1)).map_or("", String::as_str);
+                    let about = escaped(&format!("{name}, {column}, {group}"));
                     format!(
                         "<td><img alt=\"{about}\" title=\"{about}\" src=\"data:image/png;base64,{}\"></td>",
                         STANDARD.encode(cell)
@@ -133,9 +142,18 @@ impl Sheet {
             "<!DOCTYPE html>\n<html lang=\"en\">\n<meta charset=\"utf-8\">\n<title>{title}</title>\n<style>\n\
              body {{ background: rgb({PAPER} {PAPER} {PAPER}); color: #e1e1e1; font: 15px sans-serif; }}\n\
              th {{ font-weight: normal; padding: 4px; }}\nimg {{ display: block; }}\n</style>\n\
-             <table>\n<tr><td></td>{columns}</tr>\n{rows}</table>\n{caption}</html>\n"
+             <table>\n<tr><td></td>{groups}</tr>\n<tr><td></td>{columns}</tr>\n{rows}</table>\n{caption}</html>\n"
         )
     }
+}
+
+/// A text of at most so many letters, the rest of which is left out.
+fn shortened(text: &str, letters: usize) -> String {
+    if text.chars().count() <= letters {
+        return text.to_owned();
+    }
+    let kept: String = text.chars().take(letters.saturating_sub(1)).collect();
+    kept + "…"
 }
 
 #[cfg(test)]
@@ -149,7 +167,8 @@ mod tests {
         Sheet {
             caption: vec!["<one> bake".to_owned()],
             rows: vec!["wax".to_owned(), "jade".to_owned()],
-            columns: (0..3).map(|i| [format!("{i} mm"), "sky".to_owned()]).collect(),
+            groups: vec!["sky".to_owned()],
+            columns: (0..3).map(|i| format!("{i} mm")).collect(),
             cells: (0..6).map(cell).collect(),
             cell: [8, 6],
         }
@@ -180,6 +199,6 @@ mod tests {
         let page = sheet().to_html("a & b");
         assert_eq!(page.matches("data:image/png;base64,").count(), 6);
         assert!(page.contains("<title>a &amp; b</title>") && page.contains("&lt;one&gt; bake"), "{page}");
-        assert!(page.contains("jade, 2 mm sky") && !page.contains("http"));
+        assert!(page.contains("jade, 2 mm, sky") && !page.contains("http"));
     }
 }

@@ -73,3 +73,132 @@ fn add_changes_body(row: &mut [f32], before: &[f32], after: &[f32], matrix: &[f3
         }
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod diagnosis {
+    use std::time::Instant;
+
+    use glam::DVec3;
+
+    use super::*;
+    use crate::evaluate::{BakeSettings, Model};
+    use crate::forms::sampled_scene::SampledScene;
+    use crate::medium::profile::Orders;
+    use crate::progress::Silent;
+    use crate::transport::calibration::Walks;
+    use crate::transport::near_rule::NearField;
+
+    fn lights(count: usize) -> Vec<Light> {
+        (0..count)
+            .map(|i| {
+                let z = 1.0 - 2.0 * ((i as f64 + 0.5) / count as f64);
+                let phi = i as f64 * 2.399_963 + 0.3;
+                let r = (1.0 - z * z).sqrt();
+                Light::Directional { from: DVec3::new(r * phi.cos(), r * phi.sin(), z), irradiance: DVec3::ONE }
+            })
+            .collect()
+    }
+
+    #[test]
+    #[ignore = "diagnosis"]
+    fn where_calibrated_harmonics_lose() {
+        let model = crate::geometry::test_data::obj("meshes/bunny_3k.obj").unwrap();
+        let scene = {
+            use crate::geometry::mesh::{Mesh, Scale, resolve_scale};
+            use crate::geometry::part_table::PartTable;
+            use crate::geometry::parts::{Analysis, MaterialRoles, PartsRule};
+            let placement = resolve_scale(&model, Some(Scale::DiagonalMm(30.0))).unwrap();
+            let (mut mesh, mut report) = Mesh::from_source(model, &placement).unwrap();
+            let parts = Analysis::new(&mut mesh, &MaterialRoles::single(1), PartsRule::Auto, &mut report).parts;
+            let parts = PartTable::of(&mesh, &parts);
+            crate::scene::Scene { mesh, parts, media: vec![crate::forms::test_scene::medium("skin1")] }
+        };
+        let samples: usize = std::env::var("SAMPLES").map_or(16384, |s| s.parse().unwrap());
+        let order: usize = std::env::var("ORDER").map_or(24, |s| s.parse().unwrap());
+        let calibrated = std::env::var("DIPOLE").is_err();
+        let mut settings = BakeSettings::new(0.01);
+        if calibrated {
+            settings.model = Model::Calibrated(Walks::default());
+        }
+        let sampled = SampledScene::new(&scene, samples);
+        let (sampled, _) = sampled.with_model(&settings, Orders::FromOne, &Silent).unwrap();
+        let lights = lights(24);
+        sampled
+            .with_transfer(NearField::for_error(0.01), |transfer| {
+                let (some, points) = sampled.receivers.probe_points(&sampled.areas, (384, 0));
+                let transfer = transfer.towards(&some, &points.areas_mm2);
+                let t = Instant::now();
+                // The truth: by rays, a row for each channel.
+                let by_rays: Vec<Vec<DVec3>> = lights.iter().map(|l| sampled.by_rays(l).unwrap()).collect();
+                let of_rows = |rows: &IrradianceRows| {
+                    let r = transfer.radiosity(rows, &Silent);
+                    (0..lights.len()).map(|l| r.under(l)).collect::<Vec<_>>()
+                };
+                let rows_of = |values: &[Vec<DVec3>], c: usize| {
+                    let n = values.len();
+                    let mut rows = IrradianceRows { lights: n, values: vec![0.0; n * sampled.samples.len()] };
+                    for (l, e) in values.iter().enumerate() {
+                        for (s, e) in e.iter().enumerate() {
+                            rows.values[s * n + l] = e[c] as f32;
+                        }
+                    }
+                    rows
+                };
+                let channels = [0, 1, 2].map(|c| of_rows(&rows_of(&by_rays, c)));
+                let truth: Vec<Vec<DVec3>> = (0..lights.len())
+                    .map(|l| {
+                        (0..points.indices.len())
+                            .map(|p| DVec3::new(channels[0][l][p].x, channels[1][l][p].y, channels[2][l][p].z))
+                            .collect()
+                    })
+                    .collect();
+                eprintln!("truth {:.1} s", t.elapsed().as_secs_f64());
+                let report = |name: &str, found: &[Vec<DVec3>], truth: &[Vec<DVec3>]| {
+                    let e: Vec<f64> = found.iter().zip(truth).map(|(f, t)| points.error(f, t).rms).collect();
+                    let mean = (e.iter().map(|e| e * e).sum::<f64>() / e.len() as f64).sqrt();
+                    let worst = e.iter().copied().fold(0.0, f64::max);
+                    eprintln!("{name}: mean {:.2} % worst {:.2} %", 100.0 * mean, 100.0 * worst);
+                };
+                let mean = sampled.irradiance(&lights).unwrap();
+                let of_mean = of_rows(&mean);
+                report("mean of channels, rays", &of_mean, &truth);
+                let t = Instant::now();
+                let rows = irradiance(&sampled, (Resolution::Sub64, order), &Silent).unwrap();
+                eprintln!("rows {:.1} s", t.elapsed().as_secs_f64());
+                let r = transfer.radiosity(&rows, &Silent);
+                let functions = order * order;
+                for o in [8, 12, 16, 20, 24, 28, 32] {
+                    if o > order {
+                        break;
+                    }
+                    let harm: Vec<Vec<DVec3>> = lights
+                        .iter()
+                        .map(|l| {
+                            crate::forms::projected::references::under(
+                                &r.values,
+                                functions,
+                                &coefficients(l, o).unwrap(),
+                            )
+                        })
+                        .collect();
+                    report(&format!("harmonics {o} to truth"), &harm, &truth);
+                    report(&format!("harmonics {o} to mean"), &harm, &of_mean);
+                }
+                // The same of a set of lights that is seen.
+                let set = parallel(sampled.scene, 1024).unwrap();
+                let seen = Seen::new(&sampled, &set, &Silent);
+                let some: Vec<u32> = (0..24).map(|i| i * 42).collect();
+                let exact: Vec<Light> = some.iter().map(|i| set.entry(*i as usize).unwrap()).collect();
+                let of_exact = of_rows(&sampled.irradiance(&exact).unwrap());
+                let mut by_seen = irradiance_of_seen(&sampled, &seen, &some);
+                sampled.move_rows(&exact, &mut by_seen);
+                report("seen, moved, to rays", &of_rows(&by_seen), &of_exact);
+                let by_seen = irradiance_of_seen(&sampled, &seen, &some);
+                let plain: Vec<Vec<DVec3>> = exact.iter().map(|l| sampled.received(l).unwrap()).collect();
+                report("seen, plain, to rays", &of_rows(&by_seen), &of_rows(&rows_of(&plain, 0)));
+                Ok(())
+            })
+            .unwrap();
+    }
+}
