@@ -81,7 +81,7 @@ pub(crate) fn measure(scene: &Scene, counts: &[usize], lights: &[DVec3], views: 
     let own: Vec<Vec<f32>> = lights.iter().map(|from| irradiance(&surface, &etas, *from)).collect::<Result<_>>()?;
     let columns = lights.len();
     let values = (0..samples.len()).flat_map(|s| own.iter().map(move |e| e[s])).collect();
-    let truth = IrradianceRows { lights: columns, values };
+    let truth = IrradianceRows { lights: columns, by_channel: false, values };
     transfer.tune(HIERARCHY_RMS, &truth);
 
     // The lights, each interpolation from each number of lights, and their magnitude: clusters have the centroid of all columns
@@ -109,7 +109,7 @@ pub(crate) fn measure(scene: &Scene, counts: &[usize], lights: &[DVec3], views: 
     for row in rows.chunks_exact_mut(width) {
         row[width - 1] = row.iter().map(|v| v.abs()).sum();
     }
-    let found = transfer.radiosity(&IrradianceRows { lights: width, values: rows }, &Silent);
+    let found = transfer.radiosity(&IrradianceRows { lights: width, by_channel: false, values: rows }, &Silent);
     let under = |column: usize| {
         let values: Vec<DVec3> = found.under(column).into_iter().map(|v| v.max(DVec3::ZERO)).collect();
         receivers.expand(&values)

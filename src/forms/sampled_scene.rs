@@ -156,15 +156,14 @@ impl<'a> SampledScene<'a> {
                 row[column] = e.x as f32;
             }
         }
-        let mut rows = IrradianceRows { lights: lights.len(), values };
-        self.move_rows(lights, &mut rows);
-        Ok(rows)
+        Ok(self.moved_rows(lights, IrradianceRows { lights: lights.len(), by_channel: false, values }))
     }
 
-    /// Moves irradiance under lights to where it first scatters, where kernels are calibrated.
-    pub(crate) fn move_rows(&self, lights: &[Light], rows: &mut IrradianceRows) {
-        if let Some(model) = &self.model {
-            model.entry.move_rows(&self.surface(), lights, rows);
+    /// Irradiance under lights where it first scatters, if kernels are calibrated: each channel has its own then.
+    pub(crate) fn moved_rows(&self, lights: &[Light], rows: IrradianceRows) -> IrradianceRows {
+        match &self.model {
+            Some(model) => model.entry.moved_rows(&self.surface(), lights, rows),
+            None => rows,
         }
     }
 

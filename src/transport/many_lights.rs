@@ -20,8 +20,28 @@ use crate::progress::Progress;
 pub struct IrradianceRows {
     /// Lights.
     pub lights: usize,
-    /// Irradiances of sample `s` are `values[s * lights..(s + 1) * lights]`.
+    /// Whether each channel has irradiance of its own.
+    pub by_channel: bool,
+    /// Of each sample that under every light, channel after channel where each has its own.
     pub values: Vec<f32>,
+}
+
+impl IrradianceRows {
+    /// Values of a sample.
+    pub fn columns(&self) -> usize {
+        self.lights * self.channels()
+    }
+
+    fn channels(&self) -> usize {
+        if self.by_channel { 3 } else { 1 }
+    }
+
+    /// Irradiance of every sample under one light, RGB.
+    pub fn under(&self, light: usize) -> Vec<DVec3> {
+        let channel = |row: &[f32], c: usize| f64::from(row[if self.by_channel { c * self.lights } else { 0 } + light]);
+        let rows = self.values.chunks_exact(self.columns().max(1));
+        rows.map(|row| DVec3::from([0, 1, 2].map(|c| channel(row, c)))).collect()
+    }
 }
 
 /// Radiosity of every receiver under each light: `values[(receiver * 3 + channel) * lights + light]`.
@@ -157,15 +177,15 @@ impl<'a> ManyLights<'a> {
         scheme: Scheme,
         progress: &dyn Progress,
     ) -> RadiosityRows {
-        let (lights, flux) = (rows.lights, &shared.flux);
+        let (lights, columns, flux) = (rows.lights, rows.columns(), &shared.flux);
         let lit = self.gather.light(&shared.mean);
         let mut values = vec![0.0; receivers.len() * 3 * lights];
         let of_group = |work: &mut Work, (group, out): (&Group, &mut [f32])| {
             let members = group.run.range().len();
-            work.block.begin(3 * members, lights);
+            work.block.begin(members, lights, rows.channels());
             let row = |source: Source| match source {
-                Source::Cluster(node) => &flux[node as usize * lights..(node as usize + 1) * lights],
-                Source::Patch(sample) => &rows.values[sample as usize * lights..(sample as usize + 1) * lights],
+                Source::Cluster(node) => &flux[node as usize * columns..(node as usize + 1) * columns],
+                Source::Patch(sample) => &rows.values[sample as usize * columns..(sample as usize + 1) * columns],
             };
             self.gather.weights(receivers, *group, &lit, scheme, &mut work.lists, &mut |source, weights| {
                 work.block.push(weights, row(source));
@@ -200,15 +220,20 @@ struct Shared {
 impl Shared {
     fn new(many: &ManyLights, rows: &IrradianceRows) -> Self {
         // Normals and factors of clusters are means weighted by light, which only light of one sign has.
-        let one_sign = many.gather.has_layers();
+        let (one_sign, columns) = (many.gather.has_layers(), rows.columns());
         let of_sample = |sample: usize| {
-            let row = rows.values.get(sample * rows.lights..(sample + 1) * rows.lights).unwrap_or(&[]);
+            let row = rows.values.get(sample * columns..(sample + 1) * columns).unwrap_or(&[]);
             let value = |e: &f32| f64::from(if one_sign { e.abs() } else { *e });
-            DVec3::splat(row.iter().map(value).sum::<f64>() / row.len().max(1) as f64)
+            let mean = |row: &[f32]| row.iter().map(value).sum::<f64>() / row.len().max(1) as f64;
+            if rows.by_channel {
+                DVec3::from([0, 1, 2].map(|c| mean(row.get(c * rows.lights..(c + 1) * rows.lights).unwrap_or(&[]))))
+            } else {
+                DVec3::splat(mean(row))
+            }
         };
         Self {
             mean: (0..many.gather.patches().len()).map(of_sample).collect(),
-            flux: many.tree.flux_rows(many.gather.patches(), &rows.values, rows.lights),
+            flux: many.tree.flux_rows(many.gather.patches(), &rows.values, columns),
         }
     }
 }
@@ -220,40 +245,57 @@ struct Work {
     block: Product,
 }
 
-/// The sum over sources of weights (rows) times light (columns), both padded to whole blocks.
+/// The sum over sources of weights (rows) times light (columns), both padded to whole blocks: one for all channels, whose rows are
+/// receivers and channels, or where each has light of its own one for each, whose rows are receivers.
 #[derive(Default)]
 struct Product {
+    /// Products side by side.
+    parts: usize,
+    /// Rows and columns of each.
     rows: usize,
     columns: usize,
     lights: usize,
-    /// Weights of the sources at hand, `[source][row]`.
+    /// Weights of the sources at hand, `[source][part][row]`.
     weights: Vec<f32>,
     /// Number of sources at hand.
     sources: usize,
-    /// Light of the sources at hand, `[block][source][column of the block]`: in place its rows lie a multiple of a page
+    /// Light of the sources at hand, `[part][block][source][column of the block]`: in place its rows lie a multiple of a page
     /// apart and would push each other out of the cache.
     light: Vec<[f32; COLUMNS]>,
-    /// Sums, `[row][column]`.
+    /// Sums, `[part][row][column]`.
     sums: Vec<f32>,
 }
 
 impl Product {
-    fn begin(&mut self, rows: usize, lights: usize) {
-        (self.rows, self.lights) = (rows.next_multiple_of(ROWS), lights);
+    fn begin(&mut self, members: usize, lights: usize, parts: usize) {
+        (self.parts, self.lights) = (parts, lights);
+        self.rows = (3 * members / parts.max(1)).next_multiple_of(ROWS);
         self.columns = lights.next_multiple_of(COLUMNS);
         self.sums.clear();
-        self.sums.resize(self.rows * self.columns, 0.0);
-        self.weights.resize(SOURCES * self.rows, 0.0);
-        self.light.resize(STRIDE * self.columns / COLUMNS, [0.0; COLUMNS]);
+        self.sums.resize(parts * self.rows * self.columns, 0.0);
+        self.weights.resize(SOURCES * parts * self.rows, 0.0);
+        self.light.resize(STRIDE * parts * self.columns / COLUMNS, [0.0; COLUMNS]);
         self.sources = 0;
     }
 
     /// Adds a source: its weights for each receiver, RGB, and its light under each light.
     fn push(&mut self, weights: &[[f32; 3]], light: &[f32]) {
-        let at = self.sources * self.rows;
-        let slots = self.weights[at..at + self.rows].iter_mut();
-        slots.zip(weights.as_flattened().iter().chain(std::iter::repeat(&0.0))).for_each(|(slot, &w)| *slot = w);
-        for (block, light) in light.chunks(COLUMNS).enumerate() {
+        let size = self.parts * self.rows;
+        let slots = &mut self.weights[self.sources * size..(self.sources + 1) * size];
+        if self.parts == 1 {
+            let padded = weights.as_flattened().iter().chain(std::iter::repeat(&0.0));
+            slots.iter_mut().zip(padded).for_each(|(slot, &w)| *slot = w);
+        } else {
+            for (c, slots) in slots.chunks_exact_mut(self.rows.max(1)).enumerate() {
+                let padded = weights.iter().map(|w| w[c]).chain(std::iter::repeat(0.0));
+                slots.iter_mut().zip(padded).for_each(|(slot, w)| *slot = w);
+            }
+        }
+        let blocks = light.chunks(self.lights.max(1)).enumerate().flat_map(|(part, light)| {
+            let first = part * self.columns / COLUMNS;
+            light.chunks(COLUMNS).enumerate().map(move |(block, light)| (first + block, light))
+        });
+        for (block, light) in blocks {
             let packed = &mut self.light[block * STRIDE + self.sources];
             match light.first_chunk() {
                 Some(light) => *packed = *light,
@@ -271,9 +313,10 @@ impl Product {
         self.sources = 0;
     }
 
-    /// Copies the sums from `[receiver, channel][padded light]` to the layout of [`RadiosityRows`].
+    /// Copies the sums to the layout of [`RadiosityRows`].
     fn store(&self, members: usize, out: &mut [f32]) {
-        for (row, out) in out.chunks_exact_mut(self.lights.max(1)).enumerate().take(3 * members) {
+        for (index, out) in out.chunks_exact_mut(self.lights.max(1)).enumerate().take(3 * members) {
+            let row = if self.parts == 1 { index } else { index % 3 * self.rows + index / 3 };
             let at = row * self.columns;
             out.copy_from_slice(&self.sums[at..at + self.lights]);
         }
@@ -287,14 +330,15 @@ multiversion! {
 
 #[inline(always)]
 fn multiply_body(product: &mut Product) {
-    let Product { rows, columns, sources, weights, light, sums, .. } = product;
-    let (rows, columns) = (*rows, *columns);
+    let Product { parts, rows, columns, sources, weights, light, sums, .. } = product;
+    let (rows, columns, of_source) = (*rows, *columns, *parts * *rows);
     for (block, light) in light.chunks_exact(STRIDE).enumerate() {
-        let (light, column) = (&light[..*sources], block * COLUMNS);
-        for row in (0..rows).step_by(ROWS) {
+        let (part, column) = (block * COLUMNS / columns, block * COLUMNS % columns);
+        let light = &light[..*sources];
+        for row in (part * rows..(part + 1) * rows).step_by(ROWS) {
             // One variable each, so that they stay in registers.
             let [mut s0, mut s1, mut s2, mut s3, mut s4, mut s5] = [[0.0f32; COLUMNS]; ROWS];
-            for (light, weights) in light.iter().zip(weights.chunks_exact(rows)) {
+            for (light, weights) in light.iter().zip(weights.chunks_exact(of_source)) {
                 let Some(&[w0, w1, w2, w3, w4, w5]) = weights.get(row..).and_then(|w| w.first_chunk()) else { return };
                 add_scaled(&mut s0, w0, light);
                 add_scaled(&mut s1, w1, light);

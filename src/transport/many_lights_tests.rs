@@ -29,7 +29,7 @@ fn rows(fixture: &Fixture, lights: &[Light]) -> (IrradianceRows, Vec<Vec<DVec3>>
     let columns: Vec<Vec<DVec3>> = lights.iter().map(of_light).collect();
     let of_sample = |s: usize| columns.iter().map(move |c| c[s].x as f32);
     let values = (0..fixture.samples.len()).flat_map(of_sample).collect();
-    (IrradianceRows { lights: lights.len(), values }, columns)
+    (IrradianceRows { lights: lights.len(), by_channel: false, values }, columns)
 }
 
 fn with_many<T>(fixture: &Fixture, work: impl FnOnce(&mut ManyLights, &Gather, &Receivers) -> T) -> T {
@@ -62,6 +62,37 @@ fn all_pairs_are_those_of_the_gather() {
         assert_eq!(found.of(3).len(), 15);
         assert!(found.of(receivers.len()).is_empty());
     });
+}
+
+#[test]
+fn channels_may_have_light_of_their_own() {
+    let fixture = Fixture::new(shapes::bumpy_head(10.0, 2), named("skin1"), 3000);
+    // More than a block of columns.
+    for count in [5, 19] {
+        let (one, columns) = rows(&fixture, &lights(count));
+        let other = |light: usize, c: usize| &columns[(light + 2 * c) % count];
+        let mixed: Vec<Vec<DVec3>> = (0..count)
+            .map(|light| {
+                let of = |s: usize| DVec3::from([0, 1, 2].map(|c| (c + 1) as f64 * other(light, c)[s].x));
+                (0..fixture.samples.len()).map(of).collect()
+            })
+            .collect();
+        let row = |s: usize| (0..3).flat_map(move |c| (0..count).map(move |light| (light, c, s)));
+        let values = (0..fixture.samples.len()).flat_map(row).map(|(light, c, s)| mixed[light][s][c] as f32).collect();
+        let own = IrradianceRows { by_channel: true, values, ..one };
+        for (light, column) in mixed.iter().enumerate() {
+            assert!(own.under(light).iter().zip(column).all(|(a, b)| (*a - *b).abs().max_element() < 1e-6));
+        }
+        with_many(&fixture, |many, gather, receivers| {
+            for error in errors(&many.radiosity(&own, &Silent), &mixed, gather, receivers) {
+                assert!(error.worst < 3e-6, "{error:?}");
+            }
+            many.tune(0.005, &own);
+            for error in errors(&many.radiosity(&own, &Silent), &mixed, gather, receivers) {
+                assert!(error.rms < 0.0075, "{error:?}");
+            }
+        });
+    }
 }
 
 #[test]
@@ -103,9 +134,9 @@ fn every_level_gives_the_same_bits() {
 fn nothing_gives_nothing() {
     let fixture = Fixture::new(shapes::bumpy_head(10.0, 1), named("marble"), 300);
     with_many(&fixture, |many, _, receivers| {
-        let dark = IrradianceRows { lights: 2, values: vec![0.0; 2 * fixture.samples.len()] };
+        let dark = IrradianceRows { lights: 2, by_channel: false, values: vec![0.0; 2 * fixture.samples.len()] };
         assert!(many.radiosity(&dark, &Silent).values.iter().all(|v| *v == 0.0));
-        let none = IrradianceRows { lights: 0, values: Vec::new() };
+        let none = IrradianceRows { lights: 0, by_channel: false, values: Vec::new() };
         assert_eq!((many.radiosity(&none, &Silent).values.len(), receivers.is_empty()), (0, false));
     });
 }

@@ -291,7 +291,7 @@ fn weights_of_many_lights_hold_layers_and_the_factors_of_both_ends() {
         .map(|from| surface.patches.iter().map(|p| DVec3::splat(p.cross_mm2.dot(from).max(0.0) / p.area_mm2)).collect())
         .to_vec();
     let values = (0..factors.len()).flat_map(|i| columns.iter().map(move |column| column[i].x as f32)).collect();
-    let rows = IrradianceRows { lights: columns.len(), values };
+    let rows = IrradianceRows { lights: columns.len(), by_channel: false, values };
     let mut many = ManyLights::new(&gather, &fixture.tree, &receivers, &areas);
     let worst = |many: &ManyLights| {
         let found = many.radiosity(&rows, &Silent);

@@ -179,7 +179,7 @@ impl<'a> TexelBaker<'a> {
             progress.advance(range.len() as u64);
         });
         progress.finish();
-        IrradianceRows { lights: functions, values }
+        IrradianceRows { lights: functions, by_channel: false, values }
     }
 }
 

@@ -84,7 +84,7 @@ fn columns(sampled: &SampledScene, rows: &IrradianceRows, run: &[u32], direction
             }
         }
     });
-    IrradianceRows { lights: all, values }
+    IrradianceRows { lights: all, by_channel: false, values }
 }
 
 /// How light reaches samples where a bake looks at it.

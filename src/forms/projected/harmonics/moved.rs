@@ -28,20 +28,21 @@ pub(super) fn irradiance(
     progress: &dyn Progress,
 ) -> Result<IrradianceRows> {
     let surface = sampled.surface();
-    let mut rows = TexelBaker::new(&surface, resolution).harmonics(order, progress);
-    if sampled.model.is_none() {
+    let rows = TexelBaker::new(&surface, resolution).harmonics(order, progress);
+    if sampled.model.as_ref().is_none_or(|model| model.entry.is_still()) {
         return Ok(rows);
     }
     let functions = order * order;
-    let set = parallel(sampled.scene, (OF_A_HARMONIC * functions).max(LEAST))?;
+    let of_channels = rows.values.chunks(functions.max(1)).flat_map(|row| [row; 3]).flatten().copied().collect();
+    let mut rows = IrradianceRows { lights: functions, by_channel: true, values: of_channels };
+    let set = parallel(sampled.scene, (std::env::var("PER").map_or(OF_A_HARMONIC, |s| s.parse().unwrap_or(2)) * functions).max(LEAST))?;
     let seen = Seen::new(sampled, &set, progress);
     let solid_angle = 4.0 * std::f64::consts::PI / set.count() as f64;
     progress.start("entry", set.count() as u64);
     for run in neighbours(&set.directions, 1) {
         let lights: Vec<Light> = run.iter().filter_map(|&light| set.entry(light as usize)).collect();
         let before = irradiance_of_seen(sampled, &seen, &run);
-        let mut after = before.clone();
-        sampled.move_rows(&lights, &mut after);
+        let after = sampled.moved_rows(&lights, before.clone());
         // Harmonics in the direction of each light, for a light that is so wide.
         let mut matrix = Vec::with_capacity(lights.len() * functions);
         for light in &lights {
@@ -49,9 +50,11 @@ pub(super) fn irradiance(
         }
         let level = InstructionSet::detect();
         let count = run.len().max(1);
-        let changes = before.values.par_chunks(count).zip(after.values.par_chunks(count));
-        rows.values.par_chunks_mut(functions.max(1)).zip(changes).for_each(|(row, (before, after))| {
-            add_changes(level, row, before, after, &matrix);
+        let changes = before.values.par_chunks(count).zip(after.values.par_chunks(3 * count));
+        rows.values.par_chunks_mut((3 * functions).max(1)).zip(changes).for_each(|(rows, (before, after))| {
+            for (row, after) in rows.chunks_exact_mut(functions.max(1)).zip(after.chunks_exact(count)) {
+                add_changes(level, row, before, after, &matrix);
+            }
         });
         progress.advance(run.len() as u64);
     }
@@ -128,75 +131,69 @@ mod diagnosis {
             .with_transfer(NearField::for_error(0.01), |transfer| {
                 let (some, points) = sampled.receivers.probe_points(&sampled.areas, (384, 0));
                 let transfer = transfer.towards(&some, &points.areas_mm2);
-                let t = Instant::now();
-                // The truth: by rays, a row for each channel.
-                let by_rays: Vec<Vec<DVec3>> = lights.iter().map(|l| sampled.by_rays(l).unwrap()).collect();
                 let of_rows = |rows: &IrradianceRows| {
                     let r = transfer.radiosity(rows, &Silent);
-                    (0..lights.len()).map(|l| r.under(l)).collect::<Vec<_>>()
+                    (0..rows.lights).map(|l| r.under(l)).collect::<Vec<_>>()
                 };
-                let rows_of = |values: &[Vec<DVec3>], c: usize| {
-                    let n = values.len();
-                    let mut rows = IrradianceRows { lights: n, values: vec![0.0; n * sampled.samples.len()] };
-                    for (l, e) in values.iter().enumerate() {
-                        for (s, e) in e.iter().enumerate() {
-                            rows.values[s * n + l] = e[c] as f32;
-                        }
-                    }
-                    rows
-                };
-                let channels = [0, 1, 2].map(|c| of_rows(&rows_of(&by_rays, c)));
-                let truth: Vec<Vec<DVec3>> = (0..lights.len())
-                    .map(|l| {
-                        (0..points.indices.len())
-                            .map(|p| DVec3::new(channels[0][l][p].x, channels[1][l][p].y, channels[2][l][p].z))
-                            .collect()
-                    })
-                    .collect();
-                eprintln!("truth {:.1} s", t.elapsed().as_secs_f64());
                 let report = |name: &str, found: &[Vec<DVec3>], truth: &[Vec<DVec3>]| {
                     let e: Vec<f64> = found.iter().zip(truth).map(|(f, t)| points.error(f, t).rms).collect();
                     let mean = (e.iter().map(|e| e * e).sum::<f64>() / e.len() as f64).sqrt();
                     let worst = e.iter().copied().fold(0.0, f64::max);
                     eprintln!("{name}: mean {:.2} % worst {:.2} %", 100.0 * mean, 100.0 * worst);
                 };
-                let mean = sampled.irradiance(&lights).unwrap();
-                let of_mean = of_rows(&mean);
-                report("mean of channels, rays", &of_mean, &truth);
+                let from_rays = |values: &[Vec<DVec3>]| {
+                    let n = values.len();
+                    let mut rows = IrradianceRows { lights: n, by_channel: true, values: vec![0.0; 3 * n * sampled.samples.len()] };
+                    for (l, e) in values.iter().enumerate() {
+                        for (s, e) in e.iter().enumerate() {
+                            (0..3).for_each(|c| rows.values[(s * 3 + c) * n + l] = e[c] as f32);
+                        }
+                    }
+                    of_rows(&rows)
+                };
+                let t = Instant::now();
+                let truth = from_rays(&lights.iter().map(|l| sampled.by_rays(l).unwrap()).collect::<Vec<_>>());
+                eprintln!("truth {:.1} s", t.elapsed().as_secs_f64());
+                report("rows", &of_rows(&sampled.irradiance(&lights).unwrap()), &truth);
+                let sky: Vec<Light> = crate::light::quantised::directions::lattice(400, 0.5)
+                    .into_iter()
+                    .map(|from| Light::Directional { from, irradiance: DVec3::splat(1.0 + from.y) })
+                    .collect();
+                for power in [0, 1, 4] {
+                    let sum = |moved: bool| {
+                        let mut all = vec![DVec3::ZERO; sampled.samples.len()];
+                        for light in &sky {
+                            let Light::Directional { from, .. } = light else { continue };
+                            let of = Light::Directional { from: *from, irradiance: DVec3::splat((1.0 + from.y).powi(power)) };
+                            let e = if moved { sampled.by_rays(&of) } else { sampled.received(&of) }.unwrap();
+                            all.iter_mut().zip(e).for_each(|(sum, e)| *sum += e);
+                        }
+                        all
+                    };
+                    report(&format!("sky (1 + y)^{power}: moved to plain"), &from_rays(&[sum(true)]), &from_rays(&[sum(false)]));
+                }
                 let t = Instant::now();
                 let rows = irradiance(&sampled, (Resolution::Sub64, order), &Silent).unwrap();
                 eprintln!("rows {:.1} s", t.elapsed().as_secs_f64());
                 let r = transfer.radiosity(&rows, &Silent);
                 let functions = order * order;
                 for o in [8, 12, 16, 20, 24, 28, 32] {
-                    if o > order {
-                        break;
-                    }
-                    let harm: Vec<Vec<DVec3>> = lights
-                        .iter()
-                        .map(|l| {
-                            crate::forms::projected::references::under(
-                                &r.values,
-                                functions,
-                                &coefficients(l, o).unwrap(),
-                            )
-                        })
-                        .collect();
+                    if o > order { break; }
+                    let harm: Vec<Vec<DVec3>> = lights.iter().map(|l| crate::forms::projected::references::under(&r.values, functions, &coefficients(l, o).unwrap())).collect();
                     report(&format!("harmonics {o} to truth"), &harm, &truth);
-                    report(&format!("harmonics {o} to mean"), &harm, &of_mean);
                 }
-                // The same of a set of lights that is seen.
-                let set = parallel(sampled.scene, 1024).unwrap();
-                let seen = Seen::new(&sampled, &set, &Silent);
-                let some: Vec<u32> = (0..24).map(|i| i * 42).collect();
-                let exact: Vec<Light> = some.iter().map(|i| set.entry(*i as usize).unwrap()).collect();
-                let of_exact = of_rows(&sampled.irradiance(&exact).unwrap());
-                let mut by_seen = irradiance_of_seen(&sampled, &seen, &some);
-                sampled.move_rows(&exact, &mut by_seen);
-                report("seen, moved, to rays", &of_rows(&by_seen), &of_exact);
-                let by_seen = irradiance_of_seen(&sampled, &seen, &some);
-                let plain: Vec<Vec<DVec3>> = exact.iter().map(|l| sampled.received(l).unwrap()).collect();
-                report("seen, plain, to rays", &of_rows(&by_seen), &of_rows(&rows_of(&plain, 0)));
+                for (name, light) in [
+                    ("constant", Light::Constant { radiance: DVec3::ONE }),
+                    ("edge 0.17", Light::Directional { from: sampled.scene.grazing(0.17), irradiance: DVec3::ONE }),
+                    ("edge 0.58", Light::Directional { from: sampled.scene.grazing(0.58), irradiance: DVec3::ONE }),
+                    ("edge 0.0", Light::Directional { from: sampled.scene.grazing(0.0), irradiance: DVec3::ONE }),
+                ] {
+                    let truth = from_rays(&[sampled.by_rays(&light).unwrap()]);
+                    let plain = from_rays(&[sampled.received(&light).unwrap()]);
+                    let harm = crate::forms::projected::references::under(&r.values, functions, &coefficients(&light, order).unwrap());
+                    report(&format!("{name}: plain to truth"), &plain, &truth);
+                    report(&format!("{name}: harmonics to truth"), &[harm], &truth);
+                }
                 Ok(())
             })
             .unwrap();

@@ -7,7 +7,7 @@ use crate::forms::distant::Work;
 use crate::forms::sampled_scene::GROUP;
 use crate::progress::Progress;
 use crate::transport::interreflection::{InterReflection, Rays};
-use crate::transport::many_lights::{IrradianceRows, RadiosityRows};
+use crate::transport::many_lights::IrradianceRows;
 
 /// Order of the harmonics at most.
 const ORDER: usize = 6;
@@ -40,32 +40,24 @@ impl Returned {
     ) {
         let functions = (ORDER * ORDER).min(rows.lights);
         let low = rows.values.chunks_exact(rows.lights.max(1)).flat_map(|row| &row[..functions]).copied().collect();
-        let mut last = work.transfer.radiosity(&IrradianceRows { lights: functions, values: low }, progress);
+        let low = IrradianceRows { lights: functions, by_channel: rows.by_channel, values: low };
+        let mut last = work.transfer.radiosity(&low, progress);
         let receivers = work.sampled.receivers.only(points, GROUP);
         let areas = vec![1.0; receivers.len()];
         let some = work.transfer.towards(&receivers, &areas);
         for time in 1..=self.times {
-            let irradiance = self.matrix.apply_rows(&last.values, 3 * functions);
-            let mut next = RadiosityRows { lights: functions, values: vec![0.0; last.values.len()] };
-            for channel in 0..3 {
-                let of_sample = irradiance.chunks_exact((3 * functions).max(1));
-                let own = of_sample.flat_map(|row| &row[channel * functions..(channel + 1) * functions]);
-                let own = IrradianceRows { lights: functions, values: own.copied().collect() };
-                let found = some.radiosity(&own, progress);
-                for (row, out) in values.chunks_exact_mut((3 * rows.lights).max(1)).enumerate() {
-                    let found = &found.of(row)[channel * functions..(channel + 1) * functions];
-                    out[channel * rows.lights..].iter_mut().zip(found).for_each(|(sum, v)| *sum += v);
-                }
-                if time < self.times {
-                    let found = work.transfer.radiosity(&own, progress);
-                    let size = (3 * functions).max(1);
-                    for (out, found) in next.values.chunks_exact_mut(size).zip(found.values.chunks_exact(size)) {
-                        let own = channel * functions..(channel + 1) * functions;
-                        out[own.clone()].copy_from_slice(&found[own]);
-                    }
+            let values_of_samples = self.matrix.apply_rows(&last.values, 3 * functions);
+            let own = IrradianceRows { lights: functions, by_channel: true, values: values_of_samples };
+            let found = some.radiosity(&own, progress);
+            for (row, out) in values.chunks_exact_mut((3 * rows.lights).max(1)).enumerate() {
+                for (out, found) in out.chunks_exact_mut(rows.lights.max(1)).zip(found.of(row).chunks(functions.max(1)))
+                {
+                    out.iter_mut().zip(found).for_each(|(sum, v)| *sum += v);
                 }
             }
-            last = next;
+            if time < self.times {
+                last = work.transfer.radiosity(&own, progress);
+            }
         }
     }
 

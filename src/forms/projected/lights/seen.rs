@@ -127,7 +127,7 @@ pub fn irradiance_of_seen(sampled: &SampledScene, seen: &Seen, lights: &[u32]) -
         let eta = eta_of_part(part);
         row.iter_mut().zip(lights).for_each(|(value, &light)| *value = seen.irradiance(sample, light, eta) as f32);
     });
-    IrradianceRows { lights: count, values }
+    IrradianceRows { lights: count, by_channel: false, values }
 }
 
 /// The lights of a set in runs of neighbours, indices of entries, with all shells of a direction in one run, since the
@@ -161,9 +161,7 @@ pub fn radiosity_of_set(
     for run in neighbours(&lights.directions, lights.shells.inverse().len()) {
         let entries: Vec<Light> = run.iter().filter_map(|&i| lights.entry(i as usize)).collect();
         let irradiance = if seen.knows(&run) {
-            let mut rows = irradiance_of_seen(sampled, &seen, &run);
-            sampled.move_rows(&entries, &mut rows);
-            rows
+            sampled.moved_rows(&entries, irradiance_of_seen(sampled, &seen, &run))
         } else {
             sampled.irradiance(&entries)?
         };
