@@ -15,7 +15,6 @@ use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{self, Patch, Samples};
 use crate::geometry::scattered::OrientedPoint;
 use crate::light::Light;
-use crate::light::suns::apart;
 use crate::medium::profile::Orders;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
@@ -170,12 +169,11 @@ impl<'a> SampledScene<'a> {
     /// Irradiance of every sample under a light by rays, RGB, where it first scatters if kernels are calibrated.
     pub(crate) fn by_rays(&self, light: &Light) -> Result<Vec<DVec3>> {
         let Some(model) = &self.model else { return self.received(light) };
-        let mut sum = vec![DVec3::ZERO; self.samples.len()];
-        for light in apart(std::slice::from_ref(light), |_| true) {
-            let moved = model.entry.moved(&self.surface(), &light, &self.received(&light)?);
-            sum.iter_mut().zip(moved).for_each(|(sum, e)| *sum += e);
-        }
-        Ok(sum)
+        let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+        let rays = (etas.as_slice(), self.sampling);
+        let (irradiance, _) =
+            model.entry.entered_by_rays(&self.surface(), std::slice::from_ref(light), rays, &Silent)?;
+        Ok(irradiance)
     }
 
     /// The same where it enters.

@@ -14,7 +14,7 @@
 use std::f64::consts::TAU;
 use std::sync::OnceLock;
 
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::domain::Domain;
@@ -26,8 +26,10 @@ use crate::geometry::bvh::Ray;
 use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::{Facet, Patch, bisect};
 use crate::light::Light;
+use crate::light::harmonics::{coefficients, to_harmonics};
 use crate::light::quantised::directions::lattice;
 use crate::light::suns::apart;
+use crate::math::sh::real_sh;
 use crate::progress::{Progress, Silent};
 
 /// Steps of each sample.
@@ -101,8 +103,11 @@ struct Steps {
     shares: [DVec3; STEPS],
 }
 
+/// Order of the harmonics of skies whose light moves.
+const SKY_ORDER: usize = 3;
+
 /// Directions of light from everywhere.
-const EVERYWHERE: usize = 96;
+const EVERYWHERE: usize = 48;
 
 /// One ray from each sample towards a direction.
 const ONE_RAY: LightSampling = LightSampling { points_per_patch: 1, ..LightSampling::FAST };
@@ -199,8 +204,8 @@ impl Ladder {
 
 /// Cells of a grid around the samples of a part; samples share in the eight nearest.
 struct Cells {
-    /// Eight cells of each sample, and the place between them.
-    of_sample: Vec<([u32; 8], [f32; 3])>,
+    /// Eight cells of each sample, and its shares in them.
+    of_sample: Vec<([u32; 8], [f32; 8])>,
     count: usize,
 }
 
@@ -227,27 +232,31 @@ impl Cells {
         keys.dedup();
         for (base, at) in bases {
             let found = |key: [i32; 4]| keys.binary_search(&key).map_or(u32::MAX, |found| found as u32);
-            of_sample.push((if base[0] == i32::MIN { [u32::MAX; 8] } else { corners(base).map(found) }, at));
+            let share = |i: usize| {
+                let of = |axis: usize| if i >> axis & 1 == 1 { at[axis] } else { 1.0f32 - at[axis] };
+                of(0) * of(1) * of(2)
+            };
+            let cells = if base[0] == i32::MIN { [u32::MAX; 8] } else { corners(base).map(found) };
+            of_sample.push((cells, std::array::from_fn(share)));
         }
         Self { of_sample, count: keys.len() }
     }
 
     /// Cells of a sample and its shares in them.
+    #[inline]
     fn shares(&self, sample: usize) -> impl Iterator<Item = (usize, f64)> {
-        let (cells, at) = &self.of_sample[sample];
-        let share = |i: usize| {
-            let of = |axis: usize| if i >> axis & 1 == 1 { at[axis] } else { 1.0 - at[axis] };
-            f64::from(of(0) * of(1) * of(2))
-        };
-        cells.iter().enumerate().filter(|(_, cell)| **cell != u32::MAX).map(move |(i, cell)| (*cell as usize, share(i)))
+        let (cells, shares) = &self.of_sample[sample];
+        let all = cells.iter().zip(shares).filter(|(cell, _)| **cell != u32::MAX);
+        all.map(|(cell, share)| (*cell as usize, f64::from(*share)))
     }
 
     /// Sums over the cells of values of the samples.
-    fn sums<const C: usize>(&self, values: impl Iterator<Item = [f64; C]>) -> Vec<[f64; C]> {
-        let mut sums = vec![[0.0; C]; self.count];
+    fn sums<const C: usize>(&self, values: impl Iterator<Item = [[f64; C]; 2]>) -> Vec<[[f64; C]; 2]> {
+        let mut sums = vec![[[0.0; C]; 2]; self.count];
         for (sample, value) in values.enumerate() {
-            if value != [0.0; C] {
-                self.shares(sample).for_each(|(cell, share)| add(&mut sums[cell], share, &value));
+            if value != [[0.0; C]; 2] {
+                self.shares(sample)
+                    .for_each(|(cell, share)| (0..2).for_each(|k| add(&mut sums[cell][k], share, &value[k])));
             }
         }
         sums
@@ -267,6 +276,11 @@ impl Cells {
 #[inline(always)]
 fn add<const C: usize>(sum: &mut [f64; C], factor: f64, values: &[f64; C]) {
     sum.iter_mut().zip(values).for_each(|(sum, value)| *sum += factor * value);
+}
+
+/// True for light that comes from one direction at each point, or nearly so; that of skies is moved as a whole.
+fn moves(light: &Light) -> bool {
+    light.is_sharp() || matches!(light, Light::Area { .. })
 }
 
 /// No sample.
@@ -289,9 +303,11 @@ struct Ways {
     /// Part of each sample.
     part: Vec<u32>,
     /// Area of the samples in each cell, mm^2.
-    areas_mm2: Vec<[f64; 1]>,
+    areas_mm2: Vec<f64>,
     /// For each sample, the irradiance of light from everywhere that enters there over that which is moved there.
     balance: Vec<[f64; 3]>,
+    /// For each sample, what moving changes in the irradiance under each harmonic of the light from far away, from the second on.
+    sky: Vec<[[f32; 3]; SKY_ORDER * SKY_ORDER - 1]>,
 }
 
 impl MovedEntry {
@@ -338,10 +354,16 @@ impl MovedEntry {
             return of_others(lights);
         }
         // The suns of environments come from one direction too.
-        let (moving, others): (Vec<Light>, Vec<Light>) = apart(lights, |_| true).into_iter().partition(Light::is_sharp);
+        let (moving, others): (Vec<Light>, Vec<Light>) = apart(lights, |_| true).into_iter().partition(moves);
         let (mut irradiance, pieces) = match others.as_slice() {
             [] => (vec![DVec3::ZERO; surface.samples.len()], Pieces::NONE),
-            others => of_others(others)?,
+            others => {
+                let (mut irradiance, pieces) = of_others(others)?;
+                for light in others {
+                    self.move_sky(surface, &coefficients(light, SKY_ORDER)?, &mut irradiance);
+                }
+                (irradiance, pieces)
+            }
         };
         for light in &moving {
             let of_light = Illumination::new(surface, std::slice::from_ref(light), etas, sampling)?.all(progress);
@@ -365,9 +387,23 @@ impl MovedEntry {
         self.entered(surface, lights, (etas, sampling), rays, progress)
     }
 
-    /// Moves the irradiance of one light, RGB for each sample. Light of many directions at once stays, as diffuse entry does.
+    /// Moves irradiance of light from far away in many directions at once, given by the first harmonics of its radiance.
+    pub(crate) fn move_sky(&self, surface: &Surface, radiance: &[DVec3], irradiance: &mut [DVec3]) {
+        if self.is_still() {
+            return;
+        }
+        let ways = self.ways(surface);
+        irradiance.par_iter_mut().zip(&ways.sky).for_each(|(e, changes)| {
+            let of_harmonic =
+                |(change, radiance): (&[f32; 3], &DVec3)| Vec3::from_array(*change).as_dvec3() * *radiance;
+            // What all directions share does not change.
+            *e = (*e + changes.iter().zip(&radiance[1..]).map(of_harmonic).sum::<DVec3>()).max(DVec3::ZERO);
+        });
+    }
+
+    /// Moves the irradiance of one light, RGB for each sample. Light of many directions at once stays here.
     pub fn moved(&self, surface: &Surface, light: &Light, irradiance: &[DVec3]) -> Vec<DVec3> {
-        if !light.is_sharp() || self.is_still() {
+        if !moves(light) || self.is_still() {
             return irradiance.to_vec();
         }
         // One light has one colour: the channels are multiples of the brightest.
@@ -388,8 +424,9 @@ impl MovedEntry {
         let (count, ways) = (rows.lights, self.ways(surface));
         let mut result = IrradianceRows { lights: count, by_channel: true, values: vec![0.0; 3 * rows.values.len()] };
         let of_light = |(column, light): (usize, &Light)| -> Vec<[f64; 3]> {
-            let values: Vec<f64> = rows.values.iter().skip(column).step_by(count.max(1)).map(|e| f64::from(*e)).collect();
-            if light.is_sharp() {
+            let values: Vec<f64> =
+                rows.values.iter().skip(column).step_by(count.max(1)).map(|e| f64::from(*e)).collect();
+            if moves(light) {
                 ways.balanced(surface, light, &values)
             } else {
                 values.into_iter().map(|e| [e; 3]).collect()
@@ -422,7 +459,8 @@ impl Ways {
             steps[part].map(|_| (CELL * medium.mean_free_path_mm().max_element()).max(CELL_SAMPLES * spacing))
         };
         let cells = Cells::new(surface, edge);
-        let areas_mm2 = cells.sums(surface.patches.iter().map(|patch| [patch.area_mm2]));
+        let areas_mm2 = cells.sums(surface.patches.iter().map(|patch| [[patch.area_mm2], [0.0]]));
+        let areas_mm2 = areas_mm2.into_iter().map(|[[area], _]| area).collect();
         let mut part = vec![0; surface.samples.len()];
         for p in 0..parts.parts.len() {
             part[surface.samples.part(p)].fill(p as u32);
@@ -435,40 +473,46 @@ impl Ways {
         let around = (0..part.len()).into_par_iter().map(around).collect();
         let frames = surface.patches.iter().map(Frame::new).collect();
         let steps = steps.into_iter().map(|steps| steps.map(Ladder::new)).collect();
-        let mut ways = Self { steps, around, frames, cells, part, areas_mm2, balance: Vec::new() };
-        ways.balance = ways.balances(surface);
+        let mut ways = Self { steps, around, frames, cells, part, areas_mm2, balance: Vec::new(), sky: Vec::new() };
+        (ways.balance, ways.sky) = ways.under_skies(surface);
         ways
     }
 
-    /// What makes light from everywhere the same before and after it is moved: kernels are calibrated with diffuse entry, which stays, and what
-    /// moving changes under one direction has to vanish in the mean over all.
-    fn balances(&self, surface: &Surface) -> Vec<[f64; 3]> {
-        let Domain { media, .. } = surface.domain;
-        let etas: Vec<f64> = media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+    /// What makes light from everywhere the same before and after it is moved, and what moving changes then under other harmonics. Kernels are
+    /// calibrated with diffuse entry, which stays: what moving changes under one direction has to vanish in the mean over all.
+    fn under_skies(&self, surface: &Surface) -> (Vec<[f64; 3]>, Vec<[[f32; 3]; SKY_ORDER * SKY_ORDER - 1]>) {
+        const HARMONICS: usize = SKY_ORDER * SKY_ORDER;
+        let etas: Vec<f64> = surface.domain.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
         let directions = lattice(EVERYWHERE, 0.5);
-        let of_direction = |index: usize| {
-            let light = Light::Directional { from: directions[index], irradiance: DVec3::ONE };
+        let of_direction = |from: &DVec3| {
+            let light = Light::Directional { from: *from, irradiance: DVec3::ONE };
             let lit = Illumination::new(surface, std::slice::from_ref(&light), &etas, ONE_RAY).ok()?;
-            let before: Vec<f64> = lit.all(&Silent).into_iter().map(|e| e.x).collect();
-            let after = self.moved_by(surface, &light, &before);
-            Some((before, after))
+            let entered: Vec<f64> = lit.all(&Silent).into_iter().map(|e| e.x).collect();
+            let moved = self.moved_by(surface, &light, &entered);
+            let mut harmonics = [0.0; HARMONICS];
+            real_sh(SKY_ORDER, to_harmonics(*from), &mut harmonics);
+            Some((harmonics, entered, moved))
         };
-        let (mut before, mut after) = (vec![0.0; self.part.len()], vec![[0.0; 3]; self.part.len()]);
-        let all: Vec<usize> = (0..EVERYWHERE).collect();
-        for some in all.chunks(AT_ONCE) {
-            let found: Vec<(Vec<f64>, Vec<[f64; 3]>)> = some.par_iter().filter_map(|&i| of_direction(i)).collect();
-            for (entered, moved) in found {
-                before.iter_mut().zip(entered).for_each(|(sum, e)| *sum += e);
-                after.iter_mut().zip(moved).for_each(|(sum, e)| add(sum, 1.0, &e));
-            }
+        let mut sums = vec![([0.0; HARMONICS], [[0.0; 3]; HARMONICS]); self.part.len()];
+        for some in directions.chunks(AT_ONCE) {
+            let found: Vec<_> = some.par_iter().filter_map(of_direction).collect();
+            sums.par_iter_mut().enumerate().for_each(|(sample, (before, after))| {
+                for (harmonics, entered, moved) in &found {
+                    add(before, entered[sample], harmonics);
+                    after.iter_mut().zip(harmonics).for_each(|(sum, y)| add(sum, *y, &moved[sample]));
+                }
+            });
         }
-        let of_sample = |(before, after): (&f64, &[f64; 3])| {
-            after.map(|after| {
-                let ratio = before / after;
+        let solid_angle = 2.0 * TAU / EVERYWHERE as f64;
+        let of_sample = |(before, after): &([f64; HARMONICS], [[f64; 3]; HARMONICS])| {
+            let factor = after[0].map(|after| {
+                let ratio = before[0] / after;
                 if ratio.is_finite() { ratio.clamp(LEAST_FACTOR, MOST_FACTOR) } else { 1.0 }
-            })
+            });
+            let change = |k: usize, c: usize| (solid_angle * (factor[c] * after[k][c] - before[k])) as f32;
+            (factor, std::array::from_fn(|k| std::array::from_fn(|c| change(k + 1, c))))
         };
-        before.iter().zip(&after).map(of_sample).collect()
+        sums.iter().map(of_sample).unzip()
     }
 
     /// Moved irradiance whose mean over all directions is that which entered.
@@ -485,7 +529,14 @@ impl Ways {
         let towards = |at: DVec3| match light {
             Light::Directional { from, .. } => *from,
             Light::Point { at_mm, .. } | Light::Spot { at_mm, .. } => (*at_mm - origin - at).normalize_or_zero(),
-            Light::Constant { .. } | Light::Area { .. } | Light::Environment { .. } => DVec3::ZERO,
+            // The mean of directions, which is shorter the more of them there are.
+            Light::Area { at_mm, normal, u, size_mm, .. } => {
+                let [along, across] =
+                    [0.5 * size_mm[0] * *u, 0.5 * size_mm[1] * normal.cross(*u)].map(|v| v / 3f64.sqrt());
+                let places = [along + across, along - across, across - along, -along - across];
+                0.25 * places.map(|place| (*at_mm + place - origin - at).normalize_or_zero()).iter().sum::<DVec3>()
+            }
+            Light::Constant { .. } | Light::Environment { .. } => DVec3::ZERO,
         };
         // Irradiance that is fetched or stays.
         let of_sample = |sample: usize| {
@@ -509,14 +560,14 @@ impl Ways {
         };
         let mut result: Vec<[f64; 3]> = (0..irradiance.len()).into_par_iter().map(of_sample).collect();
         let flux = self.thrown(surface, irradiance, towards);
-        let there = self.cells.sums(result.iter().zip(surface.patches).map(|(e, patch)| e.map(|e| e * patch.area_mm2)));
-        let wanted = self.cells.sums(flux.into_iter());
+        let both = result.iter().zip(&flux).zip(surface.patches);
+        let sums = self.cells.sums(both.map(|((e, flux), patch)| [e.map(|e| e * patch.area_mm2), *flux]));
         // Factors of the cells, and irradiance that fetching does not find.
         let mut of_cells = vec![[[1.0; 3], [0.0; 3]]; self.cells.count];
         for (cell, [factor, missing]) in of_cells.iter_mut().enumerate() {
-            let area = self.areas_mm2[cell][0].max(f64::MIN_POSITIVE);
+            let area = self.areas_mm2[cell].max(f64::MIN_POSITIVE);
             for c in 0..3 {
-                let (wanted, there) = (wanted[cell][c], there[cell][c]);
+                let [there, wanted] = [sums[cell][0][c], sums[cell][1][c]];
                 if there > 0.0 {
                     factor[c] = (wanted / there).clamp(LEAST_FACTOR, MOST_FACTOR);
                 }
@@ -529,7 +580,6 @@ impl Ways {
                 e.iter_mut().zip(factor).zip(missing).for_each(|((e, factor), missing)| *e = *e * factor + missing);
             }
         });
-        self.keep_flux(surface, irradiance, &mut result);
         result
     }
 
@@ -585,6 +635,7 @@ impl Ways {
             + size_of_val(self.cells.of_sample.as_slice())
             + size_of_val(self.part.as_slice())
             + size_of_val(self.balance.as_slice())
+            + size_of_val(self.sky.as_slice())
     }
 }
 

@@ -35,7 +35,10 @@ pub(super) fn irradiance(
     let functions = order * order;
     let of_channels = rows.values.chunks(functions.max(1)).flat_map(|row| [row; 3]).flatten().copied().collect();
     let mut rows = IrradianceRows { lights: functions, by_channel: true, values: of_channels };
-    let set = parallel(sampled.scene, (std::env::var("PER").map_or(OF_A_HARMONIC, |s| s.parse().unwrap_or(2)) * functions).max(LEAST))?;
+    let set = parallel(
+        sampled.scene,
+        (std::env::var("PER").map_or(OF_A_HARMONIC, |s| s.parse().unwrap_or(2)) * functions).max(LEAST),
+    )?;
     let seen = Seen::new(sampled, &set, progress);
     let solid_angle = 4.0 * std::f64::consts::PI / set.count() as f64;
     progress.start("entry", set.count() as u64);
@@ -143,7 +146,11 @@ mod diagnosis {
                 };
                 let from_rays = |values: &[Vec<DVec3>]| {
                     let n = values.len();
-                    let mut rows = IrradianceRows { lights: n, by_channel: true, values: vec![0.0; 3 * n * sampled.samples.len()] };
+                    let mut rows = IrradianceRows {
+                        lights: n,
+                        by_channel: true,
+                        values: vec![0.0; 3 * n * sampled.samples.len()],
+                    };
                     for (l, e) in values.iter().enumerate() {
                         for (s, e) in e.iter().enumerate() {
                             (0..3).for_each(|c| rows.values[(s * 3 + c) * n + l] = e[c] as f32);
@@ -151,6 +158,9 @@ mod diagnosis {
                     }
                     of_rows(&rows)
                 };
+                let t = Instant::now();
+                sampled.by_rays(&lights[0]).unwrap();
+                eprintln!("first {:.2} s", t.elapsed().as_secs_f64());
                 let t = Instant::now();
                 let truth = from_rays(&lights.iter().map(|l| sampled.by_rays(l).unwrap()).collect::<Vec<_>>());
                 eprintln!("truth {:.1} s", t.elapsed().as_secs_f64());
@@ -164,13 +174,37 @@ mod diagnosis {
                         let mut all = vec![DVec3::ZERO; sampled.samples.len()];
                         for light in &sky {
                             let Light::Directional { from, .. } = light else { continue };
-                            let of = Light::Directional { from: *from, irradiance: DVec3::splat((1.0 + from.y).powi(power)) };
+                            let of = Light::Directional {
+                                from: *from,
+                                irradiance: DVec3::splat((1.0 + from.y).powi(power)),
+                            };
                             let e = if moved { sampled.by_rays(&of) } else { sampled.received(&of) }.unwrap();
                             all.iter_mut().zip(e).for_each(|(sum, e)| *sum += e);
                         }
                         all
                     };
-                    report(&format!("sky (1 + y)^{power}: moved to plain"), &from_rays(&[sum(true)]), &from_rays(&[sum(false)]));
+                    let mut skyed = sum(false);
+                    let mut radiance = vec![DVec3::ZERO; 9];
+                    for light in &sky {
+                        let Light::Directional { from, .. } = light else { continue };
+                        let mut y = [0.0; 9];
+                        crate::math::sh::real_sh(3, crate::light::harmonics::to_harmonics(*from), &mut y);
+                        radiance
+                            .iter_mut()
+                            .zip(y)
+                            .for_each(|(r, y)| *r += DVec3::splat(y * (1.0 + from.y).powi(power)));
+                    }
+                    sampled.model.as_ref().unwrap().entry.move_sky(&sampled.surface(), &radiance, &mut skyed);
+                    report(
+                        &format!("sky (1 + y)^{power}: by harmonics to moved"),
+                        &from_rays(&[skyed]),
+                        &from_rays(&[sum(true)]),
+                    );
+                    report(
+                        &format!("sky (1 + y)^{power}: moved to plain"),
+                        &from_rays(&[sum(true)]),
+                        &from_rays(&[sum(false)]),
+                    );
                 }
                 let t = Instant::now();
                 let rows = irradiance(&sampled, (Resolution::Sub64, order), &Silent).unwrap();
@@ -178,8 +212,19 @@ mod diagnosis {
                 let r = transfer.radiosity(&rows, &Silent);
                 let functions = order * order;
                 for o in [8, 12, 16, 20, 24, 28, 32] {
-                    if o > order { break; }
-                    let harm: Vec<Vec<DVec3>> = lights.iter().map(|l| crate::forms::projected::references::under(&r.values, functions, &coefficients(l, o).unwrap())).collect();
+                    if o > order {
+                        break;
+                    }
+                    let harm: Vec<Vec<DVec3>> = lights
+                        .iter()
+                        .map(|l| {
+                            crate::forms::projected::references::under(
+                                &r.values,
+                                functions,
+                                &coefficients(l, o).unwrap(),
+                            )
+                        })
+                        .collect();
                     report(&format!("harmonics {o} to truth"), &harm, &truth);
                 }
                 for (name, light) in [
@@ -190,7 +235,11 @@ mod diagnosis {
                 ] {
                     let truth = from_rays(&[sampled.by_rays(&light).unwrap()]);
                     let plain = from_rays(&[sampled.received(&light).unwrap()]);
-                    let harm = crate::forms::projected::references::under(&r.values, functions, &coefficients(&light, order).unwrap());
+                    let harm = crate::forms::projected::references::under(
+                        &r.values,
+                        functions,
+                        &coefficients(&light, order).unwrap(),
+                    );
                     report(&format!("{name}: plain to truth"), &plain, &truth);
                     report(&format!("{name}: harmonics to truth"), &[harm], &truth);
                 }
