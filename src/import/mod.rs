@@ -23,6 +23,8 @@ pub mod file;
 pub mod materials;
 pub mod of_file;
 mod size;
+#[cfg(test)]
+mod tests;
 
 use std::path::{Path, PathBuf};
 

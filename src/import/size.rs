@@ -12,9 +12,9 @@ const FEWEST: f64 = 3.0;
 /// tall as a person has 2,500 of skin.
 const MOST: f64 = 2e4;
 
-/// Mean free paths across an object that looks translucent, and the range in which most do.
+/// Mean free paths across an object that looks translucent, and the range of nearly all such objects.
 const USUAL: f64 = 100.0;
-const USUAL_RANGE: std::ops::RangeInclusive<f64> = 10.0..=3000.0;
+const USUAL_RANGE: [f64; 2] = [10.0, 3000.0];
 
 /// One line for each medium that the model is far too small or too large for, with what to type. Lengths of media in `of_file`
 /// are in the unit of the file and scale with the model.
@@ -63,7 +63,9 @@ fn doubt(medium: &Medium, diagonal_mm: f64) -> Option<(f64, &'static str)> {
 fn advice(scale: Option<Scale>, mm_per_unit: f64, diagonal_mm: f64, path_mm: f64) -> String {
     let fits = |mm: f64| {
         let paths = diagonal_mm / mm_per_unit * mm / path_mm;
-        USUAL_RANGE.contains(&paths).then(|| (paths / USUAL).ln().abs())
+        let [fewest, most] = USUAL_RANGE;
+        // How far from the middle of the range.
+        (fewest..=most).contains(&paths).then(|| (paths / (fewest * most).sqrt()).ln().abs())
     };
     let units = [("mm", 1.0), ("cm", 10.0), ("m", 1000.0)];
     let best = units

@@ -4,6 +4,7 @@
 
 mod features;
 mod files;
+mod insides;
 mod mutations;
 mod refusals;
 
