@@ -131,20 +131,18 @@ pub(super) fn tell_from_file(materials: &[FromFile], console: &Console) {
         };
         let properties = &chosen.material.properties;
         let [scattering, absorption] = [properties.sigma_s_reduced_per_mm, properties.sigma_a_per_mm].map(triple);
-        let albedo = albedo_and_colour.map(|[multiple, colour]| {
+        let [g, eta] = [properties.g, properties.eta_inside_over_outside].map(significant);
+        // The line of its look says what was asked for and what the medium is.
+        let details = albedo_and_colour.map(|[multiple, colour]| {
             format!(
-                "multi-scatter albedo {}, seen as {} ({}) | ",
+                " | asked multi-scatter albedo {}, seen as {} ({}) | sigma_s' {scattering}, sigma_a {absorption} per mm, RGB",
                 triple(multiple),
                 hex_from_linear(colour),
                 triple(colour)
             )
         });
-        console.note(&format!(
-            "MATERIAL {name}: {source} of the file | {}sigma_s' {scattering}, sigma_a {absorption} per mm, RGB, g {}, eta {}",
-            albedo.unwrap_or_default(),
-            significant(properties.g),
-            significant(properties.eta_inside_over_outside)
-        ));
+        console
+            .note(&format!("MATERIAL {name}: {source} of the file, g {g}, eta {eta}{}", details.unwrap_or_default()));
     }
 }
 

@@ -71,8 +71,8 @@ impl<'a> OfFile<'a> {
             return Ok(Vec::new());
         }
         let found = names.iter().map(|name| self.medium(name, reflector)).collect::<Result<Vec<_>>>()?;
-        // Each of its own would ask for one command after another.
-        let missing: Vec<String> = names.iter().filter_map(|name| self.missing(name)).collect();
+        // All at once: each of its own would ask for one command after another.
+        let missing: Vec<String> = self.clear(names).into_iter().chain(self.without_length(names)).collect();
         if missing.is_empty() { Ok(found) } else { Err(Error::command_line(missing.join("; "))) }
     }
 
@@ -103,21 +103,45 @@ impl<'a> OfFile<'a> {
         }
     }
 
-    /// What is to be said of a material that is translucent, and that the file does not make a medium.
-    fn missing(&self, name: &str) -> Option<String> {
-        match self.inside(name) {
-            Inside::Clear => Some(format!(
-                "material '{name}' lets light through without scattering it, as clear glass does, which is not supported: leave it out \
-                 (--skip '{name}'), let it cast shadows (--opaque '{name}'), or say what else it is made of (--material '{name}=wax')"
-            )),
-            Inside::WithoutLength { source, colour } => {
-                let (colour, radius) = (hex_from_linear(*colour), digits(self.diagonal_mm / FREE_PATHS, 1));
-                Some(format!(
-                    "material '{name}' scatters light inside ({source}), and the file does not say how far (attenuationDistance of \
-                     KHR_materials_volume): say --color '{colour}' --radius-mm {radius} for example, or --material '{name}=wax'"
-                ))
+    /// What is to be said of materials that light goes through as it does through glass.
+    fn clear(&self, names: &[&str]) -> Option<String> {
+        let clear: Vec<&str> = names.iter().copied().filter(|name| *self.inside(name) == Inside::Clear).collect();
+        let first = clear.first()?;
+        let (quoted, all) = (quoted(&clear), clear.join(","));
+        Some(format!(
+            "{quoted} lets light through without scattering it, as clear glass does, which is not supported: leave it out (--skip '{all}'), let it \
+             cast shadows (--opaque '{all}'), or say what else it is made of (--material '{first}=wax')"
+        ))
+    }
+
+    /// What is to be said of materials that scatter over a length that the file does not give.
+    fn without_length(&self, names: &[&str]) -> Option<String> {
+        let of_file = |name| match self.inside(name) {
+            Inside::WithoutLength { source, colour } => Some((name, *source, hex_from_linear(*colour))),
+            _ => None,
+        };
+        let thin: Vec<(&str, &str, String)> = names.iter().copied().filter_map(of_file).collect();
+        let (first, source, colour) = thin.first()?;
+        let quoted = quoted(&thin.iter().map(|(name, ..)| *name).collect::<Vec<_>>());
+        let radius = digits(self.diagonal_mm / FREE_PATHS, 1);
+        // A look on the command line is one for all, and takes the place of media that the file does describe.
+        let for_all = match names.iter().any(|name| matches!(self.inside(name), Inside::Volume(_))) {
+            true => {
+                format!("or a file with color = \"{colour}\" and radius_mm = {radius} (--material '{first}=FILE.toml')")
             }
-            Inside::Surface | Inside::Volume(_) | Inside::Invalid(_) => None,
-        }
+            false => format!("or for all materials for example --color '{colour}' --radius-mm {radius}"),
+        };
+        Some(format!(
+            "{quoted} scatters light inside ({source}), and the file does not say how far (attenuationDistance of KHR_materials_volume): say what it \
+             is made of (--material '{first}=wax'), {for_all}"
+        ))
+    }
+}
+
+/// Names of materials in a sentence.
+fn quoted(names: &[&str]) -> String {
+    match names {
+        [name] => format!("material '{name}'"),
+        _ => format!("each of the materials '{}'", names.join("', '")),
     }
 }

@@ -95,7 +95,7 @@ fn what_is_missing_or_wrong_says_what_to_type() {
     let wrong = Inside::Invalid("KHR_materials_ior, ior: 9 is not from 0.4 to 3".to_owned());
     for (inside, code, fragments) in [
         (Inside::Clear, ExitCode::CommandLine, ["--skip 'cup'", "--opaque 'cup'"]),
-        (thin, ExitCode::CommandLine, ["--color '#ffffff' --radius-mm 10", "attenuationDistance"]),
+        (thin, ExitCode::CommandLine, ["color = \"#ffffff\" and radius_mm = 10 ", "--material 'cup=wax'"]),
         (wrong, ExitCode::InvalidInput, ["material 'cup'", "ior: 9"]),
     ] {
         let error =
@@ -106,6 +106,16 @@ fn what_is_missing_or_wrong_says_what_to_type() {
         let named =
             import(model(&[("wax", Inside::Volume(wax())), ("cup", inside)]), &["cup=marble"], nothing).unwrap();
         assert_eq!(named.scene.media.len(), 2);
+    }
+    let thin = Inside::WithoutLength { source: "KHR_materials_diffuse_transmission", colour: DVec3::ONE };
+    let both = import(
+        model(&[("cup", thin.clone()), ("plate", thin), ("jar", Inside::Clear), ("jug", Inside::Clear)]),
+        &[],
+        nothing,
+    );
+    let both = both.unwrap_err();
+    for fragment in ["'cup', 'plate'", "--color '#ffffff' --radius-mm 20", "--skip 'jar,jug'"] {
+        assert!(both.message().contains(fragment), "{both}");
     }
     let dense = Volume { attenuation_per_unit: DVec3::splat(1e30), ..wax() };
     let error = import(model(&[("wax", Inside::Volume(dense))]), &[], nothing).unwrap_err();
