@@ -64,7 +64,7 @@ pub fn read_base_colours(path: &Path) -> Result<BaseColours> {
     read(&bytes, path).map_err(|e| e.in_file(path))
 }
 
-fn read(bytes: &[u8], path: &Path) -> Result<BaseColours> {
+pub(super) fn read(bytes: &[u8], path: &Path) -> Result<BaseColours> {
     let mut warnings = Warnings::default();
     let container = container::split(bytes, path, &mut warnings)?;
     let root = document::parse(container.json)?;

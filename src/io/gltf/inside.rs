@@ -149,8 +149,8 @@ fn volume_attenuation(extensions: &material::Material, warnings: &mut Vec<String
     for channel in colour.to_array() {
         in_unit(channel, "KHR_materials_volume, attenuationColor")?;
     }
-    // Written so that NaN fails as well.
-    if !(distance > 0.0) {
+    // JSON has no NaN.
+    if distance <= 0.0 {
         return Err(format!("KHR_materials_volume, attenuationDistance: {distance} is no distance above 0"));
     }
     let sigma = attenuation(colour, distance);
@@ -203,7 +203,7 @@ fn scatter(extensions: &material::Material) -> Read<Option<Scatter>> {
     };
     let multiple = strength * multiple.unwrap_or(DVec3::splat(default));
     let g = object.number("scatterAnisotropy", 0.0)?;
-    if !(g.abs() < 1.0) {
+    if g.abs() >= 1.0 {
         return Err(format!("{}: {g} is not above -1 and below 1", object.place("scatterAnisotropy")));
     }
     object.warn_of_textures(&["multiscatterColorTexture", "scatterStrengthTexture"], &mut warnings);

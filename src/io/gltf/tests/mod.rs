@@ -6,6 +6,7 @@ mod features;
 mod files;
 mod insides;
 mod mutations;
+mod pictures;
 mod refusals;
 
 use std::path::{Path, PathBuf};
