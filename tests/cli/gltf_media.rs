@@ -72,7 +72,7 @@ fn a_file_that_says_it_already_needs_no_option() {
         assert_eq!(baked.stderr.matches(line).count(), 1, "{line}: {}", baked.stderr);
     }
     folder.run("render two.tlux --light constant:radiance=1 --resolution 64x64 -o two.png -q").ok();
-    // The file and a material file of the same coefficients make the same asset, names and notes apart.
+    // The asset keeps the medium of the file.
     let report = folder.run("inspect two.tlux --json").ok().json();
     let media = report["media"].as_array().unwrap();
     assert_eq!((media.len(), media[0]["name"].as_str()), (1, Some("wax")));
