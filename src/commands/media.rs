@@ -8,6 +8,7 @@ use super::console::Console;
 use crate::error::Result;
 use crate::evaluate::{Evaluator, Method};
 use crate::import::materials::{AskedLook, MaterialChoice};
+use crate::import::of_file::FromFile;
 use crate::math::srgb::hex_from_linear;
 use crate::medium::inversion::{REACHED, Radius, Reflector};
 use crate::medium::look::{Look, parse_colour};
@@ -114,6 +115,34 @@ pub(super) fn tell(looks: &[AskedLook], console: &Console) {
                 "the colour {asked} of {name} is out of reach at eta {eta}: nearest is {achieved}, off by {off} in linear light"
             ));
         }
+    }
+}
+
+/// Tells what became of materials of which only the file speaks, a line each.
+pub(super) fn tell_from_file(materials: &[FromFile], console: &Console) {
+    let triple = |v: DVec3| v.to_array().map(significant).join(" ");
+    for FromFile { name, chosen, source, albedo_and_colour, .. } in materials {
+        let (Some(chosen), Some(source)) = (chosen, source) else {
+            console.note(&format!(
+                "MATERIAL {name}: opaque, as the file says nothing of its inside (--material '{name}=wax' makes it a medium, --skip '{name}' \
+                 leaves it out)"
+            ));
+            continue;
+        };
+        let properties = &chosen.material.properties;
+        let [scattering, absorption] = [properties.sigma_s_reduced_per_mm, properties.sigma_a_per_mm].map(triple);
+        let [g, eta] = [properties.g, properties.eta_inside_over_outside].map(significant);
+        // The line of its look says what was asked for and what the medium is.
+        let details = albedo_and_colour.map(|[multiple, colour]| {
+            format!(
+                " | asked multi-scatter albedo {}, seen as {} ({}) | sigma_s' {scattering}, sigma_a {absorption} per mm, RGB",
+                triple(multiple),
+                hex_from_linear(colour),
+                triple(colour)
+            )
+        });
+        console
+            .note(&format!("MATERIAL {name}: {source} of the file, g {g}, eta {eta}{}", details.unwrap_or_default()));
     }
 }
 

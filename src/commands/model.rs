@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use glam::DVec3;
 
 use super::console::Console;
-use super::media::{MediumArgs, tell};
+use super::media::{MediumArgs, tell, tell_from_file};
 use crate::error::Result;
 use crate::geometry::mesh::{Scale, UpAxis};
 use crate::geometry::parts::PartsRule;
@@ -102,6 +102,8 @@ pub(super) fn import(mut source: Source, options: &ImportOptions, console: &Cons
             imported.origin.notes.insert(0, format!("{FAULT_NOTE}{fault}"));
         }
     }
+    imported.warnings.iter().for_each(|warning| console.warn(warning));
+    tell_from_file(&imported.from_file, console);
     tell(&imported.looks, console);
     let diagonal = imported.scene.mesh.diagonal_mm();
     let triple = |v: DVec3| v.to_array().map(significant).join(" ");

@@ -57,8 +57,8 @@ fn texture_help() -> String {
         "Albedo that scattered light is multiplied by, not reflected light, and the same in every light:\n  \
          none\n  \
          marble, or marble:key=value:...\n  \
-         image:path=FILE.png, or a bare path: over the texture coordinates of the model\n  \
-         base-colour:path=MODEL.glb, or a bare path: base-colour factors and PNG pictures of the model that was baked\n\
+         image:path=FILE.png, or a bare path (PNG, JPEG, WebP): over the texture coordinates of the model\n  \
+         base-colour:path=MODEL.glb, or a bare path: base-colour factors and pictures of the model that was baked\n\
          Keys of marble: scale (mm between veins; default a fifth of the diagonal), base and veins (linear R,G,B or one \
          number, 0 to 1; default {} and {}), turbulence (how far veins are shifted, in their distances; default \
          {turbulence}), octaves (of the turbulence; default {octaves}), sharpness (of the veins; default {sharpness}), seed.",

@@ -2,6 +2,8 @@
 
 use glam::{DVec3, Vec2, Vec3};
 
+use crate::medium::volume::Inside;
+
 /// Values stored once and referred to by each corner of each triangle.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CornerAttribute<T> {
@@ -25,6 +27,8 @@ pub struct SourceModel {
     pub triangle_material: Vec<u32>,
     /// Names of the source's materials; faces without one use an entry named `default`.
     pub materials: Vec<String>,
+    /// What the file says of the inside of each material; materials beyond the end have a surface only.
+    pub insides: Vec<Inside>,
     /// Shading normals (unit length where valid, zero where the source has none).
     pub normals: Option<CornerAttribute<Vec3>>,
     /// Texture coordinates, v up.

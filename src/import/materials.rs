@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::PathBuf;
 
 use super::file::suffix;
+use super::of_file::{FromFile, OfFile};
 use crate::error::{Error, Result};
 use crate::geometry::mesh::material_indices;
 use crate::geometry::part_table::PartEntry;
@@ -59,6 +60,8 @@ pub struct ModelMedia {
     pub rest: u32,
     /// The looks among them.
     pub looks: Vec<AskedLook>,
+    /// Materials of which only the file speaks, and what became of them.
+    pub from_file: Vec<FromFile>,
 }
 
 /// The media of a scene after a choice.
@@ -97,11 +100,12 @@ impl MaterialChoice {
         texts.map(PathBuf::from).filter(|path| suffix(path) == "toml")
     }
 
-    /// Media for a model with these materials; those in `translucent` need one.
+    /// Media for a model with these materials; those in `translucent` need one. Where nothing is chosen for a material, nor
+    /// for all others, what its file says of it counts.
     ///
     /// # Errors
     /// Unknown names, two materials without one, or a translucent material of the model without a medium.
-    pub fn of_model(&self, materials: &[String], translucent: &[&str]) -> Result<ModelMedia> {
+    pub fn of_model(&self, materials: &[String], translucent: &[&str], file: &OfFile<'_>) -> Result<ModelMedia> {
         let mut media = Vec::new();
         let mut index_of = |medium: Medium| {
             let known = media.iter().position(|m| *m == medium).unwrap_or_else(|| {
@@ -111,7 +115,14 @@ impl MaterialChoice {
             known as u32
         };
         let (plain, named) = (self.without_name()?, self.named()?);
+        let names: Vec<String> = named.iter().map(|(name, _)| name.clone()).collect();
+        let is_left = |name: &&str| plain.is_none() && !names.iter().any(|known| known == name);
+        let left: Vec<&str> = translucent.iter().copied().filter(is_left).collect();
+        let from_file = file.media(&left, &self.reflector)?;
+        let found = from_file.iter().filter_map(|material| Some((material.name.clone(), material.chosen.clone()?)));
+        let named: Vec<(String, Chosen)> = named.into_iter().chain(found).collect();
         let looks = looks(plain.iter().chain(named.iter().map(|(_, chosen)| chosen)));
+        let is_plain = plain.is_some();
         let plain = plain.map(|chosen| index_of(chosen.material.into()));
         let by_name: Vec<(String, u32)> =
             named.into_iter().map(|(name, chosen)| (name, index_of(chosen.material.into()))).collect();
@@ -120,16 +131,14 @@ impl MaterialChoice {
                 "what is it made of? say for example --material marble (see `translux materials`), --color '#e8c4b0' --radius-mm 1, or --sigma-s and --sigma-a",
             ));
         };
-        let named: Vec<String> = by_name.iter().map(|(name, _)| name.clone()).collect();
-        material_indices(materials, &named, "--material")?;
-        let left: Vec<&str> = translucent.iter().copied().filter(|m| !named.iter().any(|n| n == m)).collect();
-        if plain.is_none() && !left.is_empty() {
+        material_indices(materials, &names, "--material")?;
+        if !is_plain && from_file.is_empty() && !left.is_empty() {
             let left = left.join(", ");
             return Err(Error::command_line(format!(
                 "no material for {left}: add a plain --material for the rest, or --opaque or --skip them"
             )));
         }
-        Ok(ModelMedia { media, by_name, rest, looks })
+        Ok(ModelMedia { media, by_name, rest, looks, from_file })
     }
 
     /// The media of a scene after this choice; none where the choice is empty.

@@ -21,14 +21,19 @@
 
 pub mod file;
 pub mod materials;
+pub mod of_file;
+mod size;
+#[cfg(test)]
+mod tests;
 
 use std::path::{Path, PathBuf};
 
 use self::file::{Input, files_of, read_model};
-use self::materials::{AskedLook, MaterialChoice};
+use self::materials::{AskedLook, MaterialChoice, ModelMedia};
+use self::of_file::{FromFile, OfFile};
 use crate::error::{Error, Result};
 use crate::geometry::check::{self, MeanFreePath, MeshCheck};
-use crate::geometry::mesh::{Mesh, Scale, resolve_scale, skip_materials};
+use crate::geometry::mesh::{Mesh, Scale, diagonal_in_units, resolve_scale, skip_materials};
 use crate::geometry::part_table::PartTable;
 use crate::geometry::parts::{Analysis, MaterialRoles, Part, PartsRule};
 use crate::geometry::source::SourceModel;
@@ -96,6 +101,8 @@ pub struct Imported {
     pub warnings: Vec<String>,
     /// Looks that were asked for, and the media that have them or come nearest.
     pub looks: Vec<AskedLook>,
+    /// Materials of which only the file speaks, and what became of them.
+    pub from_file: Vec<FromFile>,
 }
 
 /// Reads a model and makes a scene of it.
@@ -146,18 +153,32 @@ impl Source {
     /// No unit or no material, names that the model does not have, a mesh without area, opaque parts only.
     pub fn import(self, options: &ImportOptions, progress: &dyn Progress) -> Result<Imported> {
         let Self { mut model, inputs } = self;
-        let warnings = std::mem::take(&mut model.warnings);
+        let mut warnings = std::mem::take(&mut model.warnings);
         skip_materials(&mut model, &options.skip)?;
-        let media = options.materials.of_model(&model.materials, &translucent(&model, &options.opaque))?;
-        let roles = MaterialRoles::resolve(&model.materials, &media.by_name, media.rest, &options.opaque)?;
-        let (media, looks) = (media.media, media.looks);
-        let placement = resolve_scale(&model, options.scale)?;
+        // What is wrong with the materials is told before what is wrong with the size.
+        let placement = resolve_scale(&model, options.scale);
+        let media = {
+            let mm_per_unit = placement.as_ref().map_or(1.0, |placement| placement.mm_per_unit);
+            let diagonal_mm = diagonal_in_units(&model).unwrap_or(1.0) * mm_per_unit;
+            let file = OfFile { materials: &model.materials, insides: &model.insides, mm_per_unit, diagonal_mm };
+            options.materials.of_model(&model.materials, &translucent(&model, &options.opaque), &file)?
+        };
+        let ModelMedia { media, by_name, rest, looks, from_file } = media;
+        let without_medium = from_file.iter().filter(|material| material.chosen.is_none());
+        let opaque: Vec<String> =
+            options.opaque.iter().chain(without_medium.map(|material| &material.name)).cloned().collect();
+        let roles = MaterialRoles::resolve(&model.materials, &by_name, rest, &opaque)?;
+        let placement = placement?;
+        for FromFile { name, warnings: odd, .. } in &from_file {
+            warnings.extend(odd.iter().map(|odd| format!("material '{name}': {odd}")));
+        }
         let (scene, check, notes) = stage(progress, "mesh", || -> Result<_> {
             let (mut mesh, mut repairs) = Mesh::from_source(model, &placement)?;
             let analysis = Analysis::new(&mut mesh, &roles, options.parts, &mut repairs);
             let free_paths: Vec<MeanFreePath> = media.iter().map(free_path).collect();
             let check = check::check(&mesh, &analysis, &repairs, Some(&free_paths));
-            let mut notes = repairs.lines();
+            let mut notes: Vec<String> = from_file.iter().map(FromFile::note).collect();
+            notes.extend(repairs.lines());
             notes.extend(analysis.parts.parts.iter().filter_map(Part::turned));
             notes.extend(check.faults().into_iter().map(|fault| format!("{FAULT_NOTE}{fault}")));
             notes.push(analysis.parts.description());
@@ -167,6 +188,8 @@ impl Source {
         if !scene.parts.parts.iter().any(|p| p.transfers()) {
             return Err(Error::input("every part is opaque: nothing scatters light"));
         }
+        let of_file: Vec<&str> = from_file.iter().filter(|m| m.chosen.is_some()).map(|m| m.name.as_str()).collect();
+        warnings.extend(size::doubts(&scene, &check, (options.scale, placement.mm_per_unit), &of_file));
         let source_unit = match options.scale {
             Some(Scale::MillimetresPerUnit(mm)) => format!("--unit, {mm} mm"),
             Some(Scale::DiagonalMm(mm)) => format!("--size-mm {mm}"),
@@ -174,7 +197,7 @@ impl Source {
             None => "the file's".to_owned(),
         };
         let origin = Origin { inputs, source_unit, mm_per_source_unit: placement.mm_per_unit, notes };
-        Ok(Imported { scene, origin, check, warnings, looks })
+        Ok(Imported { scene, origin, check, warnings, looks, from_file })
     }
 }
 

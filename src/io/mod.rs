@@ -1,4 +1,4 @@
-//! Files to plain buffers and back: OBJ, glTF, PLY, EXR, Radiance HDR, PNG.
+//! Files to plain buffers and back: OBJ, glTF, PLY, EXR, Radiance HDR, PNG; JPEG and WebP of models.
 
 pub mod atomic;
 pub mod cache;
@@ -9,6 +9,7 @@ pub mod exr_write;
 pub mod gltf;
 pub mod hdr;
 pub mod obj;
+pub mod photo;
 mod picture;
 pub mod ply;
 pub mod png;

@@ -16,3 +16,4 @@ pub mod profile_basis;
 pub mod profiles;
 pub mod softened;
 mod toml_text;
+pub mod volume;

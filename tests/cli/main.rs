@@ -13,6 +13,7 @@ mod compare_flip;
 mod editable;
 mod errors;
 mod export;
+mod gltf_media;
 mod growth;
 mod import_files;
 mod inspect;

@@ -8,7 +8,7 @@ use glam::{DVec3, Vec2, Vec3};
 
 pub use build::{RepairReport, material_indices, skip_materials};
 pub(crate) use edges::{Chain, EdgeTable, simple_chains};
-pub use scale::{Placement, Scale, UpAxis, resolve_scale};
+pub use scale::{Placement, Scale, UpAxis, diagonal_in_units, resolve_scale};
 
 use super::source::CornerAttribute;
 

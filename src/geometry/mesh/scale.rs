@@ -77,6 +77,14 @@ pub fn resolve_scale(source: &SourceModel, scale: Option<Scale>) -> Result<Place
     Ok(Placement { mm_per_unit })
 }
 
+/// Diagonal of the bounding box of the vertices that triangles use, in source units.
+///
+/// # Errors
+/// Invalid input: as [`resolve_scale`].
+pub fn diagonal_in_units(source: &SourceModel) -> Result<f64> {
+    used_bounds(source).map(|(min, max)| diagonal(max - min))
+}
+
 impl Mesh {
     /// Scales the mesh about the world's origin so that its diagonal is `diagonal_mm`; returns the factor. A mesh whose
     /// diagonal is already within a relative 1e-6 of it stays as it is.

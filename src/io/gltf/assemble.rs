@@ -1,17 +1,20 @@
 //! Assembly of all placements of all meshes into one model.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use glam::{DAffine3, DMat3, DVec3, Vec2, Vec3};
 use gltf::json::Root;
 
 use super::accessor::Accessors;
 use super::document::{material_name, mesh_label, node_label};
+use super::inside::inside;
 use super::nodes::Placement;
 use super::primitive::{CheckedPrimitive, Decoded};
+use super::unused;
 use super::warnings::Warnings;
 use crate::error::{Error, Result};
 use crate::geometry::source::{CornerAttribute, SourceModel};
+use crate::medium::volume::Inside;
 
 /// Largest number of vertices, and of triangles, of a model with every instance counted.
 pub const MAX_ELEMENTS: usize = 1 << 26;
@@ -139,6 +142,8 @@ struct Builder<'a> {
     uvs: Option<Vec<Vec2>>,
     lacks_normals: bool,
     lacks_uvs: bool,
+    /// The document's materials that are used, with their index among those of the model.
+    used: BTreeMap<Option<usize>, u32>,
     material_of_name: HashMap<String, u32>,
 }
 
@@ -159,7 +164,16 @@ impl<'a> Builder<'a> {
         let (mut normals, mut uvs) = (has_normals.then(Vec::new), has_uvs.then(Vec::new));
         normals.as_mut().map_or(Ok(()), |normals| reserve(normals, vertices))?;
         uvs.as_mut().map_or(Ok(()), |uvs| reserve(uvs, vertices))?;
-        Ok(Self { root, model, normals, uvs, lacks_normals: false, lacks_uvs: false, material_of_name: HashMap::new() })
+        Ok(Self {
+            root,
+            model,
+            normals,
+            uvs,
+            lacks_normals: false,
+            lacks_uvs: false,
+            used: BTreeMap::new(),
+            material_of_name: HashMap::new(),
+        })
     }
 
     fn add(&mut self, checked: &CheckedPrimitive<'_>, primitive: &Decoded, transform: &Transform) -> Result<()> {
@@ -199,18 +213,55 @@ impl<'a> Builder<'a> {
 
     /// The index of a material's name among those of the model, in the order of their first use.
     fn material(&mut self, index: Option<usize>) -> u32 {
-        let name = match index.and_then(|index| Some((index, self.root.materials.get(index)?))) {
-            None => "default".to_owned(),
-            Some((index, material)) => material_name(index, material.name.as_deref()),
+        if let Some(known) = self.used.get(&index) {
+            return *known;
+        }
+        let material = index.and_then(|index| Some((index, self.root.materials.get(index)?)));
+        let (name, inside) = match material {
+            None => ("default".to_owned(), Inside::Surface),
+            Some((index, material)) => (material_name(index, material.name.as_deref()), inside(material)),
         };
-        let materials = &mut self.model.materials;
-        *self.material_of_name.entry(name).or_insert_with_key(|name| {
+        let SourceModel { materials, insides, .. } = &mut self.model;
+        let number = *self.material_of_name.entry(name).or_insert_with_key(|name| {
             materials.push(name.clone());
+            insides.push(inside.clone());
             (materials.len() - 1) as u32
-        })
+        });
+        if let Some(first) = insides.get_mut(number as usize).filter(|first| **first != inside) {
+            let differ = "several materials of the file have this name and differ inside; give each a name of its own";
+            *first = Inside::Invalid(differ.to_owned());
+        }
+        self.used.insert(index, number);
+        number
+    }
+
+    /// Names of which the document has several used materials that differ.
+    fn ambiguous_names(&self) -> Vec<&str> {
+        let content = |index: Option<usize>| {
+            let material = index.and_then(|index| self.root.materials.get(index));
+            material.and_then(|material| serde_json::to_value(material).ok())
+        };
+        let mut first: BTreeMap<u32, Option<usize>> = BTreeMap::new();
+        let mut names = Vec::new();
+        for (&index, &number) in &self.used {
+            let known = *first.entry(number).or_insert(index);
+            let name = self.model.materials.get(number as usize).map(String::as_str);
+            if known != index && content(known) != content(index) {
+                names.extend(name.filter(|name| !names.contains(name)));
+            }
+        }
+        names
     }
 
     fn finish(self, mut warnings: Warnings) -> Result<SourceModel> {
+        let ambiguous = self.ambiguous_names();
+        if !ambiguous.is_empty() {
+            warnings.add(format!(
+                "different materials have the same name and are one material here: {ambiguous:?}; give each a name of its own to tell them apart"
+            ));
+        }
+        let used = self.used.keys().flatten().filter_map(|index| self.root.materials.get(*index));
+        unused::of_materials(used).into_iter().for_each(|line| warnings.add(line));
         let mut model = self.model;
         if model.triangles.is_empty() {
             let why = warnings.into_lines().join("; ");

@@ -5,17 +5,21 @@ use std::path::Path;
 use glam::{DVec2, DVec3};
 use gltf::json::texture::{Info, WrappingMode};
 use gltf::json::validation::Checked;
-use gltf::json::{Material, Root};
+use gltf::json::{Material, Root, Texture};
 
 use super::buffers::{Buffers, confined_path, decode_data_uri};
 use super::document::material_name;
 use super::warnings::Warnings;
 use super::{container, document};
 use crate::error::{Error, Result};
+use crate::io::photo::decode_photo;
 use crate::io::picture::read_capped;
-use crate::io::png::{PngImage, decode_png};
+use crate::io::png::PngImage;
 
-const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
+/// A picture as WebP in place of, or beside, one that every reader knows.
+const WEBP: &str = "EXT_texture_webp";
+/// A picture as KTX2 likewise.
+const KTX2: &str = "KHR_texture_basisu";
 
 /// The base colours of a document.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -50,17 +54,17 @@ pub struct PlacedPicture {
     pub offset: DVec2,
 }
 
-/// Reads the base colours of a glTF file (`.gltf` or `.glb`): factors, and PNG pictures over `TEXCOORD_0`, with the
-/// offset and scale of `KHR_texture_transform`. Pictures repeat, whatever their sampler says.
+/// Reads the base colours of a glTF file (`.gltf` or `.glb`): factors, and pictures (PNG, JPEG, WebP) over `TEXCOORD_0`, with
+/// the offset and scale of `KHR_texture_transform`. Pictures repeat, whatever their sampler says.
 ///
 /// # Errors
-/// As [`super::read_gltf`]; pictures that are no PNG, over other texture coordinates or turned (exit 5).
+/// As [`super::read_gltf`]; pictures of other formats, over other texture coordinates or turned (exit 5).
 pub fn read_base_colours(path: &Path) -> Result<BaseColours> {
     let bytes = std::fs::read(path).map_err(|e| Error::io(path, &e))?;
     read(&bytes, path).map_err(|e| e.in_file(path))
 }
 
-fn read(bytes: &[u8], path: &Path) -> Result<BaseColours> {
+pub(super) fn read(bytes: &[u8], path: &Path) -> Result<BaseColours> {
     let mut warnings = Warnings::default();
     let container = container::split(bytes, path, &mut warnings)?;
     let root = document::parse(container.json)?;
@@ -146,12 +150,31 @@ fn placed(
     if sampler.is_some_and(|s| !(repeats(&s.wrap_s) && repeats(&s.wrap_t))) {
         warnings.add_at(&format!("material {name:?}"), "its base colour repeats instead of ending at the edge");
     }
-    let image = texture.source.value();
+    let image = image_of(root, texture)?;
     let index = images.iter().position(|known| *known == image).unwrap_or_else(|| {
         images.push(image);
         images.len() - 1
     });
     Ok(PlacedPicture { index, scale, offset })
+}
+
+/// The image of a texture that can be read: its own, or else that of an extension.
+fn image_of(root: &Root, texture: &Texture) -> Result<usize> {
+    let own = texture.source.value();
+    if own < root.images.len() {
+        return Ok(own);
+    }
+    let others = texture.extensions.as_ref().map(|e| &e.others);
+    let webp = others.and_then(|e| e.get(WEBP)?.get("source")?.as_u64()).and_then(|i| usize::try_from(i).ok());
+    match webp {
+        Some(image) => Ok(image),
+        None if others.is_some_and(|e| e.contains_key(KTX2)) => Err(Error::unsupported(format!(
+            "its picture is KTX2 ({KTX2}), which is not read; convert it to PNG, JPEG or WebP"
+        ))),
+        // A texture without an image has the largest number there is.
+        None if own == u32::MAX as usize => Err(Error::input("its texture has no image")),
+        None => Ok(own),
+    }
 }
 
 fn read_file(path: &Path) -> Result<Vec<u8>> {
@@ -184,10 +207,5 @@ fn picture(root: &Root, buffers: &Buffers, folder: &Path, index: usize) -> Resul
         }
         (None, None) => return Err(Error::input("it has neither a uri nor a bufferView")),
     };
-    if !bytes.starts_with(PNG) {
-        return Err(Error::unsupported(
-            "it is no PNG; convert it, for example with `gltf-transform png IN.glb OUT.glb --formats \"*\"`",
-        ));
-    }
-    decode_png(bytes)
+    decode_photo(bytes)
 }

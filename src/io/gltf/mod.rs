@@ -7,6 +7,8 @@
 //! Supported are triangles, strips and fans; `POSITION`, `NORMAL` and `TEXCOORD_0`; sparse accessors;
 //! `KHR_mesh_quantization`; `EXT_mesh_gpu_instancing`. Skins and morph targets are not applied (a warning says so).
 //! Compressed geometry (Draco, meshopt) is refused as unsupported.
+//!
+//! Of materials their names are read and what they say of their inside ([`SourceModel::insides`]).
 
 mod accessor;
 mod assemble;
@@ -15,11 +17,13 @@ mod buffers;
 mod container;
 mod document;
 mod extensions;
+mod inside;
 mod layout;
 mod nodes;
 mod primitive;
 #[cfg(test)]
 mod tests;
+mod unused;
 mod warnings;
 pub mod written;
 
@@ -38,7 +42,7 @@ use self::warnings::Warnings;
 /// Vertices follow the nodes of the default scene depth first, then instance, primitive and vertex. Without a default
 /// scene the first one is read, without scenes every root node, without nodes every mesh once. Transforms are applied
 /// in f64; one that mirrors reverses the winding, so that outside stays outside. Materials are listed in the order of
-/// their first use; two of the same name become one entry, an unnamed one is called `material_<index>`, none at all
+/// their first use; two of the same name become one entry (a warning says so where they differ), an unnamed one is called `material_<index>`, none at all
 /// `default`. Stored normals that are not of unit length become zero.
 ///
 /// External buffers are read only from the model's folder and the folders in it.

@@ -8,7 +8,8 @@ use super::spec::TextureSpec;
 use crate::error::{Error, Result};
 use crate::geometry::mesh::Mesh;
 use crate::io::gltf::base_colour::{BaseColours, PlacedPicture, read_base_colours};
-use crate::io::png::{PngImage, read_png};
+use crate::io::photo::read_photo;
+use crate::io::png::PngImage;
 
 /// A picture that repeats over the plane of texture coordinates, linear sRGB in [0, 1].
 #[derive(Clone, Debug, PartialEq)]
@@ -30,7 +31,7 @@ impl Picture {
         Ok(Self { width, height, rgb })
     }
 
-    /// The picture of a PNG; its alpha is not used.
+    /// The picture of a file; its alpha is not used.
     fn of(png: PngImage) -> Result<Self> {
         Self::new(png.width, png.height, png.rgb)
     }
@@ -82,13 +83,13 @@ pub struct PictureTexture {
 }
 
 impl PictureTexture {
-    /// Reads a PNG that covers all of a mesh.
+    /// Reads a picture (PNG, JPEG, WebP) that covers all of a mesh.
     ///
     /// # Errors
-    /// A mesh without texture coordinates (exit 5), those of [`read_png`].
+    /// A mesh without texture coordinates (exit 5), those of [`read_photo`].
     pub fn read_image(path: &Path, mesh: &Mesh) -> Result<Self> {
         check_coordinates(mesh).map_err(|e| e.at(format_args!("texture {}", path.display())))?;
-        let picture = Picture::of(read_png(path).map_err(|e| e.at("texture"))?)?;
+        let picture = Picture::of(read_photo(path).map_err(|e| e.at("texture"))?)?;
         let placed = PlacedPicture { index: 0, scale: DVec2::ONE, offset: DVec2::ZERO };
         let coat = Coat { factor: DVec3::ONE, picture: Some(placed) };
         Ok(Self {

@@ -1,5 +1,5 @@
 //! The text form of textures: `none`, `marble:key=value:...`, `image:path=FILE.png`, `base-colour:path=MODEL.glb`, or a
-//! bare path of a PNG or a glTF model.
+//! bare path of a picture (PNG, JPEG, WebP) or a glTF model.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -98,7 +98,7 @@ fn read(text: &str) -> Result<TextureSpec> {
             Some(path) => Ok(TextureSpec::BaseColour(path)),
             None => Err(fail("base colours are given as base-colour:path=MODEL.glb, the model that was baked")),
         },
-        _ if has_suffix(text, &[".png"]) => Ok(TextureSpec::Image(text.into())),
+        _ if has_suffix(text, &[".png", ".jpg", ".jpeg", ".webp"]) => Ok(TextureSpec::Image(text.into())),
         _ if has_suffix(text, &[".gltf", ".glb"]) => Ok(TextureSpec::BaseColour(text.into())),
         _ => Err(fail(&format!("`{kind}` is no kind of texture"))),
     }

@@ -4,7 +4,9 @@
 
 mod features;
 mod files;
+mod insides;
 mod mutations;
+mod pictures;
 mod refusals;
 
 use std::path::{Path, PathBuf};
