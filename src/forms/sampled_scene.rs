@@ -177,7 +177,7 @@ impl<'a> SampledScene<'a> {
     }
 
     /// The same where it enters.
-    pub(crate) fn received(&self, light: &Light) -> Result<Vec<DVec3>> {
+    fn received(&self, light: &Light) -> Result<Vec<DVec3>> {
         let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
         Ok(Illumination::new(&self.surface(), std::slice::from_ref(light), &etas, self.sampling)?.all(&Silent))
     }

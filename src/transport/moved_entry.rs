@@ -388,7 +388,7 @@ impl MovedEntry {
     }
 
     /// Moves irradiance of light from far away in many directions at once, given by the first harmonics of its radiance.
-    pub(crate) fn move_sky(&self, surface: &Surface, radiance: &[DVec3], irradiance: &mut [DVec3]) {
+    fn move_sky(&self, surface: &Surface, radiance: &[DVec3], irradiance: &mut [DVec3]) {
         if self.is_still() {
             return;
         }
@@ -783,5 +783,67 @@ mod tests {
         let after = entry.moved(&surface, &point, &before);
         assert!((flux(&after) - flux(&before)).abs().max_element() < 1e-9 * flux(&before).x && after != before);
         assert_eq!(entry.moved(&surface, &Light::Constant { radiance: DVec3::ONE }, &before), before);
+    }
+
+    #[test]
+    fn skies_move_as_the_sum_of_their_suns_and_light_from_everywhere_stays() {
+        let fixture = Fixture::new(shapes::bumpy_head(10.0, 3), named("skin1"), 4000);
+        let surface = fixture.surface();
+        let entry = MovedEntry::new(&surface, |_| true);
+        let etas = [named("skin1").eta_inside_over_outside];
+        let suns = lattice(400, 0.5);
+        for (power, moved_by, allowed) in [(0, 0.0, 0.01), (1, 0.02, 0.012), (3, 0.04, 0.02)] {
+            let radiance = |from: &DVec3| DVec3::new(1.0, 2.0, 0.5) * (1.0 + from.y).powi(power);
+            let mut harmonics = vec![DVec3::ZERO; SKY_ORDER * SKY_ORDER];
+            let (mut plain, mut moved) =
+                (vec![DVec3::ZERO; surface.samples.len()], vec![DVec3::ZERO; surface.samples.len()]);
+            for from in &suns {
+                let light = Light::Directional { from: *from, irradiance: radiance(from) };
+                let lit =
+                    Illumination::new(&surface, std::slice::from_ref(&light), &etas, ONE_RAY).unwrap().all(&Silent);
+                moved.iter_mut().zip(entry.moved(&surface, &light, &lit)).for_each(|(sum, e)| *sum += e);
+                plain.iter_mut().zip(lit).for_each(|(sum, e)| *sum += e);
+                let mut y = [0.0; SKY_ORDER * SKY_ORDER];
+                real_sh(SKY_ORDER, to_harmonics(*from), &mut y);
+                harmonics.iter_mut().zip(y).for_each(|(sum, y)| *sum += y * radiance(from));
+            }
+            let error = |values: &[DVec3]| {
+                let of = |(a, b): (&DVec3, &DVec3)| (*a - *b).length_squared();
+                let all: f64 = moved.iter().map(|e| e.length_squared()).sum();
+                (values.iter().zip(&moved).map(of).sum::<f64>() / all).sqrt()
+            };
+            let before = error(&plain);
+            entry.move_sky(&surface, &harmonics, &mut plain);
+            let after = error(&plain);
+            println!("(1 + y)^{power}: {before:.4} before, {after:.4} after");
+            assert!(before >= moved_by && after < allowed, "{power}: {before} {after}");
+        }
+    }
+
+    #[test]
+    fn an_area_light_moves_as_the_points_that_it_is_made_of() {
+        let fixture = Fixture::new(shapes::bumpy_head(10.0, 3), named("skin1"), 4000);
+        let surface = fixture.surface();
+        let entry = MovedEntry::new(&surface, |_| true);
+        let etas = [named("skin1").eta_inside_over_outside];
+        let of = |light: &Light| {
+            let lit = Illumination::new(&surface, std::slice::from_ref(light), &etas, LightSampling::FAST)
+                .unwrap()
+                .all(&Silent);
+            let moved = entry.moved(&surface, light, &lit);
+            let norm = |v: &[DVec3]| v.iter().map(|e| e.length_squared()).sum::<f64>().sqrt();
+            let changes: Vec<DVec3> = lit.iter().zip(&moved).map(|(a, b)| *b - *a).collect();
+            (norm(&changes) / norm(&lit), moved, norm(&lit))
+        };
+        let at_mm = DVec3::new(8.0, 40.0, 20.0);
+        let area = Light::area(at_mm, -at_mm, [2.0, 3.0], DVec3::splat(100.0), None).unwrap();
+        let (by_area, moved, size) = of(&area);
+        let (by_point, of_point, size_of_point) = of(&Light::Point { at_mm, intensity: DVec3::ONE });
+        let differences = moved.iter().zip(&of_point).map(|(a, b)| (*a / size - *b / size_of_point).length_squared());
+        let difference = differences.sum::<f64>().sqrt();
+        assert!(
+            by_area > 0.03 && (by_area / by_point - 1.0).abs() < 0.1 && difference < 0.03,
+            "{by_area} {by_point} {difference}"
+        );
     }
 }
