@@ -10,6 +10,10 @@
 //! all lights. What is thrown from the same samples with the same lengths says how much light there is of which
 //! a neighbourhood has its share: where normals converge it gathers, and the fetched light is brought to that, over cells that are wide
 //! enough to hold many samples.
+//!
+//! Light from everywhere enters as the walks of the calibration did, and must not change: each sample has a factor that makes the mean over
+//! all directions of moved light what entered there. Light of skies is moved as a whole, by what moving changes in the first harmonics
+//! of the direction that it comes from; that of small lights with an area by the mean of its directions.
 
 use std::f64::consts::TAU;
 use std::sync::OnceLock;

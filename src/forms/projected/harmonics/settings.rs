@@ -48,8 +48,10 @@ impl Form for Harmonics {
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
         let (samples, vertices) = (self.0.density.count(scene, settings.samples), scene.mesh.local_mm.len() as u64);
         let functions = self.0.order.unwrap_or(MOST_ORDER).pow(2) as u64;
+        // Light that is moved to where it first scatters is another in every channel.
+        let channels = if settings.model == Model::Dipole { 1 } else { 3 };
         // Irradiance and flux of every sample; radiosities of each reference point, twice, and their columns.
-        let own = samples as u64 * functions * 4 * 3 + (vertices / 2 + 256) * functions * 3 * 4 * 3;
+        let own = samples as u64 * functions * 4 * 3 * channels + (vertices / 2 + 256) * functions * 3 * 4 * 3;
         density::memory(samples, scene) + own + inter_reflection::memory(self.0.outside, samples, scene)
     }
 

@@ -91,10 +91,12 @@ impl Form for QuantisedLights {
         // Radiosities of each reference point; about a quarter of the vertices at most. Beside them while they are coded: those of the shells
         // that are coded, decorrelated, and their coefficients, predicted, quantised and known.
         let references = scene.mesh.local_mm.len() as u64 / 4 + 256;
+        // Light that is moved to where it first scatters is another in every channel.
+        let channels = if settings.model == Model::Dipole { 1 } else { 3 };
         // Visibility, irradiance and flux of a run of lights; the products of lights and of their functions.
         density::memory(samples as usize, scene)
             + references * 3 * 4 * COPIES * lights
-            + samples * (lights / 8 + 128 * 4 * 3)
+            + samples * (lights / 8 + 128 * 4 * 3 * channels)
             + 8 * 4 * directions * directions
     }
 
