@@ -7,7 +7,7 @@ use crate::forms::projected::lights::{Seen, irradiance_of_seen, neighbours, para
 use crate::forms::sampled_scene::SampledScene;
 use crate::light::Light;
 use crate::light::harmonics::coefficients;
-use crate::math::simd::{InstructionSet, multiversion};
+use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 use crate::progress::Progress;
 use crate::transport::irradiance_rows::texels::TexelBaker;
 use crate::transport::many_lights::IrradianceRows;
@@ -44,35 +44,70 @@ pub(super) fn irradiance(
         let before = irradiance_of_seen(sampled, &seen, &run);
         let after = sampled.moved_rows(&lights, before.clone());
         // Harmonics in the direction of each light, for a light that is so wide.
-        let mut matrix = Vec::with_capacity(lights.len() * functions);
+        let mut harmonics = Vec::with_capacity(lights.len());
         for light in &lights {
-            matrix.extend(coefficients(light, order)?.iter().map(|c| (c.x * solid_angle) as f32));
+            harmonics.push(coefficients(light, order)?.iter().map(|c| (c.x * solid_angle) as f32).collect());
         }
-        let level = InstructionSet::detect();
+        let (level, blocks) = (InstructionSet::detect(), in_blocks(&harmonics));
         let count = run.len().max(1);
         let changes = before.values.par_chunks(count).zip(after.values.par_chunks(3 * count));
-        rows.values.par_chunks_mut((3 * functions).max(1)).zip(changes).for_each(|(rows, (before, after))| {
-            for (row, after) in rows.chunks_exact_mut(functions.max(1)).zip(after.chunks_exact(count)) {
-                add_changes(level, row, before, after, &matrix);
-            }
-        });
+        rows.values.par_chunks_mut((3 * functions).max(1)).zip(changes).for_each_init(
+            Vec::new,
+            |changed: &mut Vec<Changed>, (rows, (before, after))| {
+                changed.clear();
+                changed.extend(before.iter().enumerate().filter_map(|(light, before)| {
+                    let change = [0, 1, 2].map(|c| after[c * count + light] - before);
+                    (change != [0.0; 3]).then_some((light, change))
+                }));
+                if !changed.is_empty() {
+                    add_changes(level, rows, changed, &blocks, lights.len());
+                }
+            },
+        );
         progress.advance(run.len() as u64);
     }
     progress.finish();
     Ok(rows)
 }
 
+/// A light that changes, and the change of irradiance in each channel.
+type Changed = (usize, [f32; 3]);
+
+/// Harmonics that are summed at once.
+const BLOCK: usize = 16;
+
+/// Harmonics of each light in blocks, `[block][light]`, the last one padded: what is read one after another lies so.
+fn in_blocks(harmonics: &[Vec<f32>]) -> Vec<[f32; BLOCK]> {
+    let count = harmonics.first().map_or(0, Vec::len).div_ceil(BLOCK);
+    let of = |block: usize, all: &Vec<f32>| std::array::from_fn(|i| all.get(block * BLOCK + i).copied().unwrap_or(0.0));
+    (0..count).flat_map(|block| harmonics.iter().map(move |all| of(block, all))).collect()
+}
+
 multiversion! {
-    /// Adds the difference of irradiance under each light times the harmonics in its direction.
-    fn add_changes(row: &mut [f32], before: &[f32], after: &[f32], matrix: &[f32]) => add_changes_body
+    /// Adds to the rows of the channels of a sample the changes of irradiance times the harmonics of the lights, which are so many.
+    fn add_changes(
+        rows: &mut [f32],
+        changed: &[Changed],
+        blocks: &[[f32; BLOCK]],
+        lights: usize,
+    ) => add_changes_body
 }
 
 #[inline(always)]
-fn add_changes_body(row: &mut [f32], before: &[f32], after: &[f32], matrix: &[f32]) {
-    for ((before, after), harmonics) in before.iter().zip(after).zip(matrix.chunks_exact(row.len().max(1))) {
-        let change = after - before;
-        if change != 0.0 {
-            row.iter_mut().zip(harmonics).for_each(|(sum, value)| *sum += change * value);
+fn add_changes_body(rows: &mut [f32], changed: &[Changed], blocks: &[[f32; BLOCK]], lights: usize) {
+    let functions = rows.len() / 3;
+    for (block, of_lights) in blocks.chunks_exact(lights.max(1)).enumerate() {
+        // One variable each, so that they stay in registers.
+        let [mut red, mut green, mut blue] = [[0.0f32; BLOCK]; 3];
+        for (light, [r, g, b]) in changed {
+            let harmonics = &of_lights[*light];
+            add_scaled(&mut red, *r, harmonics);
+            add_scaled(&mut green, *g, harmonics);
+            add_scaled(&mut blue, *b, harmonics);
+        }
+        let columns = block * BLOCK..functions.min((block + 1) * BLOCK);
+        for (row, sums) in rows.chunks_exact_mut(functions.max(1)).zip([red, green, blue]) {
+            row[columns.clone()].iter_mut().zip(sums).for_each(|(value, sum)| *value += sum);
         }
     }
 }
