@@ -163,14 +163,14 @@ mod tests {
 
     /// Two rows and three columns of plain cells, each of another grey.
     fn sheet() -> Sheet {
-        let cell = |grey: usize| encode_png(8, 6, &[[0.1 + 0.1 * grey as f32; 3]; 48], None).unwrap();
+        let cell = |grey: usize| encode_png(60, 40, &[[0.1 + 0.1 * grey as f32; 3]; 2400], None).unwrap();
         Sheet {
             caption: vec!["<one> bake".to_owned()],
             rows: vec!["wax".to_owned(), "jade".to_owned()],
             groups: vec!["sky".to_owned()],
             columns: (0..3).map(|i| format!("{i} mm")).collect(),
             cells: (0..6).map(cell).collect(),
-            cell: [8, 6],
+            cell: [60, 40],
         }
     }
 
@@ -178,11 +178,11 @@ mod tests {
     fn cells_stand_where_their_names_say() {
         let sheet = sheet();
         let picture = decode_png(&sheet.to_png().unwrap()).unwrap();
-        let [width, height] = Sheet::size([8, 6], [2, 3], 4, 1).unwrap().map(|side| side as usize);
+        let [width, height] = Sheet::size([60, 40], [2, 3], 4, 1).unwrap().map(|side| side as usize);
         assert_eq!((picture.width, picture.height), (width, height));
-        let (left, top) = (width - 3 * (8 + GAP as usize), (2 * LINE + GAP) as usize);
+        let (left, top) = (width - 3 * (60 + GAP as usize), (2 * LINE + GAP) as usize);
         for (index, grey) in (0..6).map(|i| (i, 0.1 + 0.1 * i as f32)) {
-            let (x, y) = (left + index % 3 * (8 + GAP as usize), top + index / 3 * (6 + GAP as usize));
+            let (x, y) = (left + index % 3 * (60 + GAP as usize), top + index / 3 * (40 + GAP as usize));
             let seen = picture.rgb[(y + 3) * width + x + 4];
             assert!((seen[0] - grey).abs() < 0.01, "{index}: {seen:?}");
         }
