@@ -70,13 +70,13 @@ impl Sheet {
             root.draw_text(text, &style, (x as i32, y as i32)).map_err(|e| Error::runtime(format!("sheet: {e}")))
         };
         for (column, text) in self.columns.iter().enumerate() {
-            write(text, [at(0, column)[0] + self.cell[0] / 2, GAP / 2 + LINE], HPos::Center)?;
+            write(text, [at(0, column)[0] + self.cell[0] / 2, GAP + LINE], HPos::Center)?;
         }
         let of_a_group = counts[1] / self.groups.len().max(1);
         for (group, text) in self.groups.iter().enumerate() {
             let wide = of_a_group as u32 * (self.cell[0] + GAP) - GAP;
             let middle = at(0, group * of_a_group)[0] + wide / 2;
-            write(&shortened(text, (wide / LETTER * 5 / 3) as usize), [middle, GAP / 2], HPos::Center)?;
+            write(&shortened(text, (wide / LETTER * 5 / 3) as usize), [middle, GAP], HPos::Center)?;
         }
         for (row, name) in self.rows.iter().enumerate() {
             let [_, y] = at(row, 0);
@@ -186,9 +186,11 @@ mod tests {
             let seen = picture.rgb[(y + 3) * width + x + 4];
             assert!((seen[0] - grey).abs() < 0.01, "{index}: {seen:?}");
         }
-        // Names are written.
-        let ink = picture.rgb.iter().filter(|c| c[0] > 0.6).count();
-        assert!(ink > 40, "{ink}");
+        // Names are written, above and at the side.
+        let is_ink = |i: &usize| picture.rgb[*i][0] > 0.2;
+        let above = (0..top * width).filter(is_ink).count();
+        let beside = (top * width..height * width).filter(|i| i % width < left - GAP as usize).filter(is_ink).count();
+        assert!(above > 20 && beside > 20, "{above} {beside}");
         assert!(
             Sheet::size([4096, 10], [1, 5], 4, 1).is_none() && Sheet::size([8, 6], [usize::MAX, 1], 4, 1).is_none()
         );
