@@ -5,12 +5,11 @@ use std::path::Path;
 
 use image::codecs::jpeg::JpegDecoder;
 use image::codecs::webp::WebPDecoder;
-use image::{DynamicImage, ImageDecoder, ImageError, Limits};
+use image::{ImageDecoder, ImageError, Limits};
 
-use super::picture::{MAX_DECODED_BYTES, check_size, read_capped};
-use super::png::{PngImage, decode_png};
+use super::picture::{MAX_DECODED_BYTES, read_capped};
+use super::png::{PngImage, decode_png, linear};
 use crate::error::{Error, Result};
-use crate::math::srgb::linear_from_srgb;
 
 /// Reads a PNG, a JPEG or a still WebP as linear sRGB.
 ///
@@ -52,21 +51,10 @@ fn damaged(format: &'static str) -> impl Fn(ImageError) -> Error {
 }
 
 fn decode(mut decoder: impl ImageDecoder, damaged: impl Fn(ImageError) -> Error) -> Result<PngImage> {
-    let (width, height) = decoder.dimensions();
-    // Four floats a pixel are held at once.
-    check_size(u64::from(width), u64::from(height), 16)?;
     let mut limits = Limits::default();
     limits.max_alloc = Some(MAX_DECODED_BYTES);
     decoder.set_limits(limits).map_err(&damaged)?;
-    let has_alpha = decoder.color_type().has_alpha();
-    let picture = DynamicImage::from_decoder(decoder).map_err(damaged)?.into_rgba32f();
-    let linear = |c: f32| linear_from_srgb(f64::from(c)) as f32;
-    Ok(PngImage {
-        width: width as usize,
-        height: height as usize,
-        rgb: picture.pixels().map(|p| [linear(p[0]), linear(p[1]), linear(p[2])]).collect(),
-        alpha: has_alpha.then(|| picture.pixels().map(|p| p[3]).collect()),
-    })
+    linear(decoder, damaged)
 }
 
 #[cfg(test)]
@@ -79,6 +67,7 @@ mod tests {
     use super::*;
     use crate::error::ExitCode;
     use crate::io::png::encode_png;
+    use crate::math::srgb::linear_from_srgb;
 
     const SIDE: u32 = 16;
 

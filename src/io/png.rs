@@ -4,7 +4,7 @@ use std::io::Cursor;
 use std::path::Path;
 
 use image::codecs::png::{CompressionType, FilterType, PngDecoder, PngEncoder};
-use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, Limits};
+use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, Limits};
 
 use super::picture::{MAX_DECODED_BYTES, check_size, read_capped};
 use crate::error::{Error, Result};
@@ -70,10 +70,18 @@ pub fn read_png(path: &Path) -> Result<PngImage> {
 /// # Errors
 /// As [`read_png`], without the path.
 pub fn decode_png(bytes: &[u8]) -> Result<PngImage> {
-    let damaged = |e: image::ImageError| Error::input(format!("PNG: {e}; the file is damaged"));
+    let damaged = |e: ImageError| Error::input(format!("PNG: {e}; the file is damaged"));
     let mut limits = Limits::default();
     limits.max_alloc = Some(MAX_DECODED_BYTES);
     let decoder = PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(damaged)?;
+    linear(decoder, damaged)
+}
+
+/// The picture of a decoder as linear sRGB.
+///
+/// # Errors
+/// Too many pixels (exit 5); what `damaged` says of the decoder's.
+pub(super) fn linear(decoder: impl ImageDecoder, damaged: impl Fn(ImageError) -> Error) -> Result<PngImage> {
     let (width, height) = decoder.dimensions();
     // Four floats a pixel are held at once.
     check_size(u64::from(width), u64::from(height), 16)?;

@@ -13,9 +13,9 @@ use super::stored::{IN_ROWS, StoredRows};
 use crate::compress::ledger::Ledger;
 use crate::compress::rows::Rows;
 use crate::error::{Error, Result};
-use crate::evaluate::StageCache;
 use crate::evaluate::form::write_error;
 use crate::evaluate::stages::{of_kinds, probe_points, worst};
+use crate::evaluate::{BakeSettings, StageCache};
 use crate::geometry::samples::{self, Samples};
 use crate::light::cube_light::CubeLight;
 use crate::light::sky::sky_with_sun;
@@ -51,11 +51,11 @@ const CHECKED: usize = 32;
 pub fn bake(
     (surface, receivers): (&Surface, &Receivers),
     how: (EnvironmentRows, LightSampling, NearField),
-    (unseen, cache): (&[Light], &StageCache),
+    bake: &BakeSettings,
     ledger: &mut Ledger,
     progress: &dyn Progress,
 ) -> Result<Vec<RawSection>> {
-    let (settings, samples) = (how.0, surface.samples);
+    let (settings, samples, cache) = (how.0, surface.samples, &bake.cache);
     // Of the media they know nothing.
     let sections = cache.sections(
         "irradiance rows",
@@ -65,7 +65,7 @@ pub fn bake(
         |sections| matches!(IrradianceRows::from_sections(sections, samples.len()), Ok(Some(_))),
         || rows(surface, settings, progress)?.into_data().to_sections().map_err(write_error),
     )?;
-    measure(surface, receivers, how, (unseen, cache), ledger, progress)?;
+    measure(surface, receivers, how, (&bake.probes.unseen, cache), ledger, progress)?;
     Ok(sections)
 }
 

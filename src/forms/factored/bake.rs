@@ -122,13 +122,7 @@ impl Form for Factored {
         })?;
         if let Some(rows) = self.environment.filter(|_| settings.is_for(LightKind::Environment)) {
             let (place, how) = ((&ordered.surface(scene), &ordered.receivers), (rows, self.sampling, self.near));
-            sections.extend(environment_rows::bake(
-                place,
-                how,
-                (&settings.probes.unseen, &settings.cache),
-                &mut ledger,
-                progress,
-            )?);
+            sections.extend(environment_rows::bake(place, how, settings, &mut ledger, progress)?);
         }
         Ok(AssetParts { samples: ordered.samples, ledger, sections })
     }

@@ -149,13 +149,7 @@ impl Form for Gathered {
         }
         if let Some(rows) = environment {
             let (place, how) = ((&surface, &receivers), (rows, self.sampling, self.near));
-            sections.extend(environment_rows::bake(
-                place,
-                how,
-                (&settings.probes.unseen, &settings.cache),
-                &mut ledger,
-                progress,
-            )?);
+            sections.extend(environment_rows::bake(place, how, settings, &mut ledger, progress)?);
         }
         Ok(AssetParts { samples, ledger, sections })
     }

@@ -1,0 +1,79 @@
+//! Cells of a grid around the samples, over which light is counted.
+
+use crate::transport::surface::Surface;
+
+/// Cells of a grid around the samples of a part; samples share in the eight nearest.
+pub(super) struct Cells {
+    /// Eight cells of each sample, and its shares in them.
+    pub(super) of_sample: Vec<([u32; 8], [f32; 8])>,
+    pub(super) count: usize,
+}
+
+impl Cells {
+    /// Cells of the samples, whose edges depend on the part.
+    pub(super) fn new(surface: &Surface, edge_mm: impl Fn(usize) -> Option<f64>) -> Self {
+        let mut keys: Vec<[i32; 4]> = Vec::new();
+        let mut of_sample = Vec::new();
+        let corners = |[part, x, y, z]: [i32; 4]| -> [[i32; 4]; 8] {
+            std::array::from_fn(|i| [part, x + (i & 1) as i32, y + (i >> 1 & 1) as i32, z + (i >> 2) as i32])
+        };
+        let mut bases = vec![([i32::MIN; 4], [0.0; 3]); surface.samples.len()];
+        for part in 0..surface.domain.parts.parts.len() {
+            let Some(edge) = edge_mm(part) else { continue };
+            for sample in surface.samples.part(part) {
+                let at = surface.patches[sample].centre_mm / edge;
+                let base = at.floor();
+                bases[sample] =
+                    ([part as i32, base.x as i32, base.y as i32, base.z as i32], (at - base).as_vec3().to_array());
+                keys.extend(corners(bases[sample].0));
+            }
+        }
+        keys.sort_unstable();
+        keys.dedup();
+        for (base, at) in bases {
+            let found = |key: [i32; 4]| keys.binary_search(&key).map_or(u32::MAX, |found| found as u32);
+            let share = |i: usize| {
+                let of = |axis: usize| if i >> axis & 1 == 1 { at[axis] } else { 1.0f32 - at[axis] };
+                of(0) * of(1) * of(2)
+            };
+            let cells = if base[0] == i32::MIN { [u32::MAX; 8] } else { corners(base).map(found) };
+            of_sample.push((cells, std::array::from_fn(share)));
+        }
+        Self { of_sample, count: keys.len() }
+    }
+
+    /// Cells of a sample and its shares in them.
+    #[inline]
+    fn shares(&self, sample: usize) -> impl Iterator<Item = (usize, f64)> {
+        let (cells, shares) = &self.of_sample[sample];
+        let all = cells.iter().zip(shares).filter(|(cell, _)| **cell != u32::MAX);
+        all.map(|(cell, share)| (*cell as usize, f64::from(*share)))
+    }
+
+    /// Sums over the cells of values of the samples.
+    pub(super) fn sums<const C: usize>(&self, values: impl Iterator<Item = [[f64; C]; 2]>) -> Vec<[[f64; C]; 2]> {
+        let mut sums = vec![[[0.0; C]; 2]; self.count];
+        for (sample, value) in values.enumerate() {
+            if value != [[0.0; C]; 2] {
+                self.shares(sample)
+                    .for_each(|(cell, share)| (0..2).for_each(|k| add(&mut sums[cell][k], share, &value[k])));
+            }
+        }
+        sums
+    }
+
+    /// Means at a sample of values of the cells.
+    pub(super) fn mean(&self, sample: usize, values: &[[[f64; 3]; 2]]) -> [[f64; 3]; 2] {
+        let mut mean = [[0.0; 3]; 2];
+        self.shares(sample).for_each(|(cell, share)| {
+            (0..2).for_each(|k| add(&mut mean[k], share, &values[cell][k]));
+        });
+        mean
+    }
+}
+
+/// Adds a multiple of values.
+#[inline(always)]
+pub(super) fn add<const C: usize>(sum: &mut [f64; C], factor: f64, values: &[f64; C]) {
+    sum.iter_mut().zip(values).for_each(|(sum, value)| *sum += factor * value);
+}

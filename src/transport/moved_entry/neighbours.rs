@@ -1,0 +1,140 @@
+//! Neighbours of samples along the surface, in a few directions and distances.
+
+use std::f64::consts::TAU;
+
+use glam::{DVec2, DVec3};
+
+use crate::geometry::bvh::Ray;
+use crate::geometry::mesh::Mesh;
+use crate::geometry::samples::{Facet, Patch, bisect};
+use crate::transport::surface::Surface;
+
+/// Directions and distances over the surface in which the neighbours of a sample are found; each distance is half of the next.
+pub(super) const AZIMUTHS: usize = 12;
+
+pub(super) const DISTANCES: usize = 4;
+
+/// Distances shorter than this share of the radius of a sample stay in it.
+const SHORT: f64 = 0.25;
+
+/// Heights over the tangent plane within which surface is found, over the distance.
+const SLOPE: f64 = 1.25;
+
+/// No sample.
+pub(super) const NOWHERE: u32 = u32::MAX;
+
+/// Neighbours of samples along the surface.
+pub(super) type Around = [[u32; DISTANCES]; AZIMUTHS];
+
+/// Facets of every triangle, by their paths.
+pub(super) struct Facets {
+    offsets: Vec<u32>,
+    /// Path and sample.
+    of: Vec<(u32, u32)>,
+}
+
+impl Facets {
+    pub(super) fn new(surface: &Surface) -> Self {
+        let mut all: Vec<(u32, u32, u32)> = (0..surface.samples.len())
+            .flat_map(|i| surface.samples.patch(i).iter().map(move |f| (f.triangle, f.path, i as u32)))
+            .collect();
+        all.sort_unstable();
+        let count = surface.domain.mesh.triangles.len() as u32;
+        let offsets = (0..=count).map(|t| all.partition_point(|f| f.0 < t) as u32).collect();
+        Self { offsets, of: all.into_iter().map(|(_, path, sample)| (path, sample)).collect() }
+    }
+
+    /// The sample around a point of a triangle.
+    fn at(&self, mesh: &Mesh, triangle: u32, point: DVec3) -> Option<u32> {
+        let (from, to) = (*self.offsets.get(triangle as usize)?, *self.offsets.get(triangle as usize + 1)?);
+        let of = self.of.get(from as usize..to as usize)?;
+        let mut facet = Facet::whole(triangle);
+        let mut corners = mesh.corners_local_mm(triangle);
+        loop {
+            if let Ok(found) = of.binary_search_by_key(&facet.path, |f| f.0) {
+                return Some(of[found].1);
+            }
+            let [left, right] = facet.halves()?;
+            let halves = bisect(corners);
+            // The cut runs from the middle of the longest edge to the corner that both halves end with.
+            let [first, middle, apex] = halves[0];
+            let across = (middle - apex).cross((first - middle).cross(apex - middle));
+            let is_left = (point - middle).dot(across) * (first - middle).dot(across) >= 0.0;
+            (facet, corners) = if is_left { (left, halves[0]) } else { (right, halves[1]) };
+        }
+    }
+}
+
+/// The tangent plane of a sample.
+pub(super) struct Frame {
+    normal: DVec3,
+    axes: [DVec3; 2],
+}
+
+/// The way to a light from a sample.
+pub(super) struct Way {
+    /// Of the angle with the normal.
+    pub(super) cosine: f64,
+    /// Sine of that angle along the axes of the tangent plane, towards the light.
+    pub(super) along: DVec2,
+}
+
+impl Frame {
+    pub(super) fn new(patch: &Patch) -> Self {
+        let normal = patch.cross_mm2.normalize_or(DVec3::Z);
+        let (x, y) = normal.any_orthonormal_pair();
+        Self { normal, axes: [x, y] }
+    }
+
+    /// The way to a light in a unit direction; where that is below the horizon, light that comes over it grazes.
+    pub(super) fn way(&self, towards: DVec3) -> Way {
+        let cosine = towards.dot(self.normal);
+        let along = DVec2::from_array(self.axes.map(|axis| axis.dot(towards)));
+        Way { cosine, along: if cosine < 0.0 { along.normalize_or_zero() } else { along } }
+    }
+}
+
+/// Neighbours of a sample of a part along the surface, up to a distance, mm.
+pub(super) fn neighbours(surface: &Surface, facets: &Facets, (sample, part): (usize, u32), farthest_mm: f64) -> Around {
+    let patch = &surface.patches[sample];
+    let frame = Frame::new(patch);
+    let mesh = surface.domain.mesh;
+    let mut around = [[sample as u32; DISTANCES]; AZIMUTHS];
+    for (azimuth, of_azimuth) in around.iter_mut().enumerate() {
+        let (sin, cos) = (azimuth as f64 * TAU / AZIMUTHS as f64).sin_cos();
+        let along = cos * frame.axes[0] + sin * frame.axes[1];
+        for (k, found) in of_azimuth.iter_mut().enumerate() {
+            let far = farthest_mm / f64::from(1u32 << (DISTANCES - 1 - k));
+            if far < SHORT * patch.radius_mm || !far.is_finite() {
+                continue;
+            }
+            let depth = SLOPE * far;
+            let ray = Ray {
+                origin: (patch.centre_mm + far * along - depth * frame.normal).as_vec3(),
+                direction: frame.normal.as_vec3(),
+                t_min: 0.0,
+                t_max: (2.0 * depth) as f32,
+            };
+            // The surface of the same body that is nearest to the plane, seen from outside.
+            let mut nearest: Option<(f64, u32)> = None;
+            surface.bvh.crossings(&ray, |hit| {
+                let height = (f64::from(hit.t) - depth).abs();
+                let is_outside = surface.domain.parts.triangle_part.get(hit.triangle as usize) == Some(&part)
+                    && mesh.normal(hit.triangle).dot(frame.normal) > 0.0;
+                if is_outside && nearest.is_none_or(|(least, triangle)| (height, hit.triangle) < (least, triangle)) {
+                    nearest = Some((height, hit.triangle));
+                }
+            });
+            *found = nearest
+                .and_then(|(_, triangle)| {
+                    let [a, b, c] = mesh.corners_local_mm(triangle);
+                    let origin = ray.origin.as_dvec3();
+                    let normal = (b - a).cross(c - a);
+                    let t = (a - origin).dot(normal) / frame.normal.dot(normal);
+                    facets.at(mesh, triangle, origin + t * frame.normal)
+                })
+                .unwrap_or(NOWHERE);
+        }
+    }
+    around
+}
