@@ -102,6 +102,26 @@ impl FlatSource {
         })
     }
 
+    /// Triangles as the receivers of a row see them, each lane that of its own.
+    #[inline(always)]
+    fn seen_by_each(beside: &Beside<Self>, [x, y, z]: &[Row; 3]) -> SeenTriangle {
+        let mut seen = SeenTriangle::NONE;
+        for i in 0..LANES {
+            let (source, _) = beside.of(i);
+            let n = source.normal;
+            let h = source.height + (n[0] * x[i] + n[1] * y[i] + n[2] * z[i]);
+            seen.height2[i] = h * h;
+            for k in 0..3 {
+                let Edge { along: u, outward: o, pedal, start, length } = source.edges[k];
+                seen.pedals[k][i] = pedal - (o[0] * x[i] + o[1] * y[i] + o[2] * z[i]);
+                seen.starts[k][i] = start - (u[0] * x[i] + u[1] * y[i] + u[2] * z[i]);
+                seen.lengths[k][i] = length;
+                seen.longest = seen.longest.max(length);
+            }
+        }
+        seen
+    }
+
     /// The triangle as the receivers of a row see it.
     #[inline(always)]
     fn seen_from(&self, [x, y, z]: &[Row; 3]) -> SeenTriangle {
@@ -170,6 +190,9 @@ pub(super) trait RowValues: Copy {
     /// Adds values times one factor for each channel.
     fn add_scaled(&mut self, factor: [f32; 3], values: &Self);
 
+    /// Adds values times factors of each lane, by channel.
+    fn add_products(&mut self, factors: &[Row; 3], values: &Self);
+
     /// Values of one receiver.
     fn of_lane(&self, lane: usize) -> [f32; 3];
 
@@ -183,6 +206,9 @@ pub(super) trait Radial {
 
     /// Adds flux times the kernel at squared distances, mm^2.
     fn add_point(&self, sums: &mut Self::Values, r2: &Row, flux: [f32; 3]);
+
+    /// The same with another flux in each lane, by channel.
+    fn add_each(&self, sums: &mut Self::Values, r2: &Row, flux: &[Row; 3]);
 }
 
 /// A radial kernel that is integrated over triangles.
@@ -208,6 +234,28 @@ pub struct Block {
     rows: Vec<Receivers>,
     /// Normals of the receivers of each row.
     normals: Vec<[Row; 3]>,
+    /// How often the receivers stand in their row where they are few, and so how many sources are summed side by side.
+    copies: usize,
+}
+
+/// Sources that are summed side by side where the receivers of a row are few: each lane has one of its own.
+struct Beside<'a, T> {
+    sources: &'a [T],
+    of_lane: &'a [usize; LANES],
+}
+
+impl<'a, T> Beside<'a, T> {
+    /// The source of a lane and 1; for lanes without one any other and 0.
+    #[inline(always)]
+    fn of(&self, lane: usize) -> (&'a T, f32) {
+        let index = self.of_lane[lane];
+        if index < self.sources.len() { (&self.sources[index], 1.0) } else { (&self.sources[0], 0.0) }
+    }
+}
+
+/// Which of so many sources beside one another each lane has.
+fn of_lanes(copies: usize) -> [usize; LANES] {
+    std::array::from_fn(|lane| lane * copies / LANES)
 }
 
 impl Block {
@@ -215,6 +263,7 @@ impl Block {
     pub fn reset(&mut self, centre: DVec3, receivers: impl Iterator<Item = Receiver>) {
         self.rows.clear();
         self.normals.clear();
+        let mut count = 0;
         for (index, receiver) in receivers.enumerate() {
             let lane = index % LANES;
             if lane == 0 {
@@ -227,14 +276,27 @@ impl Block {
                     normals[axis][lane] = receiver.normal[axis] as f32;
                 }
             }
+            count = index + 1;
         }
+        self.copies = (LANES / count.next_power_of_two()).max(1);
+        let width = LANES / self.copies;
+        for row in self.rows.iter_mut().map(|row| &mut row.at).chain(&mut self.normals) {
+            row.iter_mut().for_each(|values| (width..LANES).for_each(|lane| values[lane] = values[lane % width]));
+        }
+    }
+
+    /// How many sources stand side by side in a row.
+    #[inline(always)]
+    fn copies(&self) -> usize {
+        self.copies.max(1)
     }
 
     /// Moves the sums of all receivers, RGB, to `out` and sets them to zero.
     pub fn take(&mut self, out: &mut [[f32; 3]]) {
+        let width = LANES / self.copies();
         for (row, out) in self.rows.iter_mut().zip(out.chunks_mut(LANES)) {
             for (lane, out) in out.iter_mut().enumerate() {
-                *out = [0, 1, 2].map(|c| row.sums[c][lane] as f32);
+                *out = row.sum(lane, width).map(|sum| sum as f32);
             }
             row.sums = [[0.0; LANES]; 3];
         }
@@ -242,7 +304,14 @@ impl Block {
 
     /// RGB sum of one receiver.
     pub fn sum(&self, receiver: usize) -> DVec3 {
-        DVec3::from_array(self.rows[receiver / LANES].sums.map(|channel| channel[receiver % LANES]))
+        DVec3::from_array(self.rows[receiver / LANES].sum(receiver % LANES, LANES / self.copies()))
+    }
+}
+
+impl Receivers {
+    /// RGB sum of a receiver that stands in every so many lanes.
+    fn sum(&self, lane: usize, width: usize) -> [f64; 3] {
+        self.sums.map(|channel| channel.iter().skip(lane).step_by(width).sum())
     }
 }
 
@@ -260,11 +329,29 @@ pub(super) fn squares<const N: usize>([x, y, z]: &[[f32; N]; 3], from: [f32; 3])
 /// Adds `flux K(|x - at|)` of every source to every receiver of the block.
 #[inline(always)]
 fn points_body<K: Radial>(block: &mut Block, kernel: &K, sources: &[PointSource]) {
+    let copies = block.copies();
+    let of_lane = &of_lanes(copies);
     for chunk in sources.chunks(FLUSH) {
         for row in &mut block.rows {
             let mut partial = K::Values::ZERO;
-            for source in chunk {
-                kernel.add_point(&mut partial, &squares(&row.at, source.at), source.flux);
+            if copies == 1 {
+                for source in chunk {
+                    kernel.add_point(&mut partial, &squares(&row.at, source.at), source.flux);
+                }
+            } else {
+                for sources in chunk.chunks(copies) {
+                    let beside = Beside { sources, of_lane };
+                    let (mut r2, mut flux) = ([0.0; LANES], [[0.0; LANES]; 3]);
+                    for i in 0..LANES {
+                        let (source, is_one) = beside.of(i);
+                        for axis in 0..3 {
+                            let step = row.at[axis][i] - source.at[axis];
+                            r2[i] += step * step;
+                            flux[axis][i] = is_one * source.flux[axis];
+                        }
+                    }
+                    kernel.add_each(&mut partial, &r2, &flux);
+                }
             }
             partial.flush(&mut row.sums);
         }
@@ -274,16 +361,38 @@ fn points_body<K: Radial>(block: &mut Block, kernel: &K, sources: &[PointSource]
 /// Adds `irradiance Int K(|x - y|) dA(y)` over every flat triangle to every receiver of the block.
 #[inline(always)]
 fn triangles_body<K: RadialIntegral>(block: &mut Block, kernel: &K, sources: &[FlatSource]) {
+    let copies = block.copies();
+    let of_lane = &of_lanes(copies);
     for chunk in sources.chunks(FLUSH) {
         for row in &mut block.rows {
             let mut partial = K::Values::ZERO;
-            for source in chunk {
-                let values = kernel.triangle(&source.seen_from(&row.at), EdgePrecision::Reference);
-                partial.add_scaled(source.irradiance, &values);
+            // Side by side all have the rule of the longest edge.
+            for sources in chunk.chunks(copies) {
+                if let ([source], 1) = (sources, copies) {
+                    let values = kernel.triangle(&source.seen_from(&row.at), EdgePrecision::Reference);
+                    partial.add_scaled(source.irradiance, &values);
+                    continue;
+                }
+                let beside = Beside { sources, of_lane };
+                let values = kernel.triangle(&FlatSource::seen_by_each(&beside, &row.at), EdgePrecision::Reference);
+                partial.add_products(&irradiances(&beside), &values);
             }
             partial.flush(&mut row.sums);
         }
     }
+}
+
+/// Irradiance of the source of each lane, by channel; none in lanes without a source.
+#[inline(always)]
+fn irradiances(beside: &Beside<FlatSource>) -> [Row; 3] {
+    let mut values = [[0.0; LANES]; 3];
+    for i in 0..LANES {
+        let (source, is_one) = beside.of(i);
+        for c in 0..3 {
+            values[c][i] = is_one * source.irradiance[c];
+        }
+    }
+    values
 }
 
 /// Nodes and weights of a Gauss-Legendre rule on [-1, 1] in single precision.

@@ -71,6 +71,16 @@ impl Radial for PolesRgb {
             }
         }
     }
+
+    #[inline(always)]
+    fn add_each(&self, sums: &mut [Row; 3], r2: &Row, flux: &[Row; 3]) {
+        for (channel, sums) in sums.iter_mut().enumerate() {
+            let [real, image] = self.terms[channel];
+            for i in 0..LANES {
+                sums[i] += flux[channel][i] * (reflectance(real, r2[i]) + reflectance(image, r2[i]));
+            }
+        }
+    }
 }
 
 impl RadialIntegral for PolesRgb {
@@ -109,6 +119,15 @@ impl RowValues for [Row; 3] {
     fn add_scaled(&mut self, factor: [f32; 3], values: &Self) {
         for c in 0..3 {
             add_scaled(&mut self[c], factor[c], &values[c]);
+        }
+    }
+
+    #[inline(always)]
+    fn add_products(&mut self, factors: &[Row; 3], values: &Self) {
+        for c in 0..3 {
+            for i in 0..LANES {
+                self[c][i] += factors[c][i] * values[c][i];
+            }
         }
     }
 

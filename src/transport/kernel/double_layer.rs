@@ -8,7 +8,9 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::radial_table::{LinearTable, ProfileTable, Rgb, SeenEdge, WIDEST, WithTail, at_least_zero};
-use super::{Block, FLUSH, FlatSource, LANES, PointSource, Row, RowValues, SeenTriangle, squares};
+use super::{
+    Beside, Block, FLUSH, FlatSource, LANES, PointSource, Row, RowValues, SeenTriangle, irradiances, of_lanes,
+};
 use crate::math::simd::{InstructionSet, multiversion};
 use crate::medium::profile::Profile;
 
@@ -101,6 +103,27 @@ impl DoubleLayer {
         triangles(level, block, self, sources);
     }
 
+    /// Adds the light of a point in each lane, with its moment and a factor.
+    #[inline(always)]
+    fn add_point<'a>(
+        &self,
+        partial: &mut [Rgb; LANES],
+        seen: &SeenPoint,
+        of: impl Fn(usize) -> (&'a PointSource, &'a Moment, f32),
+    ) {
+        let places = self.slope.places(&seen.r2);
+        for i in 0..LANES {
+            let (source, Moment(moment), factor) = of(i);
+            let (single, slope) = (self.single.reflectance.value(&places, i), self.slope.value(&places, i));
+            let flux = [source.flux[0], source.flux[1], source.flux[2], 0.0];
+            let way = [seen.ways[0][i], seen.ways[1][i], seen.ways[2][i]];
+            for c in 0..4 {
+                let under = moment[0][c] * way[0] + moment[1][c] * way[1] + moment[2][c] * way[2];
+                partial[i][c] += factor * single[c] * (flux[c] + slope[c] * (flux[c] * seen.heights[i] - under));
+            }
+        }
+    }
+
     /// The double layer with its tail.
     #[inline(always)]
     fn with_tail(&self) -> WithTail<'_> {
@@ -156,17 +179,16 @@ struct Facing {
 
 impl Facing {
     #[inline(always)]
-    fn new(source: &FlatSource, [x, y, z]: &[Row; 3], normals: &[Row; 3]) -> Self {
+    fn new(beside: &Beside<FlatSource>, [x, y, z]: &[Row; 3], normals: &[Row; 3]) -> Self {
         let mut facing = Self { height: [0.0; LANES], outward: [[0.0; LANES]; 3] };
-        let n = source.normal;
         for i in 0..LANES {
+            let (source, _) = beside.of(i);
+            let n = source.normal;
             let height = source.height + (n[0] * x[i] + n[1] * y[i] + n[2] * z[i]);
             let cosine = n[0] * normals[0][i] + n[1] * normals[1][i] + n[2] * normals[2][i];
             facing.height[i] = height * (1.0 - cosine);
-        }
-        for (outward, edge) in facing.outward.iter_mut().zip(&source.edges) {
-            let o = edge.outward;
-            for i in 0..LANES {
+            for (outward, edge) in facing.outward.iter_mut().zip(&source.edges) {
+                let o = edge.outward;
                 outward[i] = o[0] * normals[0][i] + o[1] * normals[1][i] + o[2] * normals[2][i];
             }
         }
@@ -174,36 +196,47 @@ impl Facing {
     }
 }
 
-/// Heights of a point over the tangent planes of the receivers of a row, mm.
-#[inline(always)]
-fn heights_over(at: &[Row; 3], normals: &[Row; 3], point: [f32; 3]) -> Row {
-    let mut heights = [0.0; LANES];
-    for i in 0..LANES {
-        heights[i] = (point[0] - at[0][i]) * normals[0][i]
-            + (point[1] - at[1][i]) * normals[1][i]
-            + (point[2] - at[2][i]) * normals[2][i];
+/// A point for each receiver of a row.
+struct SeenPoint {
+    /// From the receiver to the point, by axis, its square and its height over the receiver's tangent plane, mm.
+    ways: [Row; 3],
+    r2: Row,
+    heights: Row,
+}
+
+impl SeenPoint {
+    #[inline(always)]
+    fn new<'a>(at: &[Row; 3], normals: &[Row; 3], source: impl Fn(usize) -> &'a PointSource) -> Self {
+        let mut seen = Self { ways: [[0.0; LANES]; 3], r2: [0.0; LANES], heights: [0.0; LANES] };
+        for i in 0..LANES {
+            let point = source(i).at;
+            for axis in 0..3 {
+                let way = point[axis] - at[axis][i];
+                seen.ways[axis][i] = way;
+                seen.r2[i] += way * way;
+                seen.heights[i] += way * normals[axis][i];
+            }
+        }
+        seen
     }
-    heights
 }
 
 #[inline(always)]
 fn points_body(block: &mut Block, layers: &DoubleLayer, sources: &[PointSource], moments: &[Moment]) {
+    let copies = block.copies();
+    let of_lane = &of_lanes(copies);
     for (chunk, moments) in sources.chunks(FLUSH).zip(moments.chunks(FLUSH)) {
         for (row, normals) in block.rows.iter_mut().zip(&block.normals) {
             let mut partial = [[0.0f32; 4]; LANES];
-            for (source, Moment(moment)) in chunk.iter().zip(moments) {
-                let r2 = squares(&row.at, source.at);
-                let heights = heights_over(&row.at, normals, source.at);
-                let flux = [source.flux[0], source.flux[1], source.flux[2], 0.0];
-                let places = layers.slope.places(&r2);
-                for i in 0..LANES {
-                    let (single, slope) = (layers.single.reflectance.value(&places, i), layers.slope.value(&places, i));
-                    let way = [source.at[0] - row.at[0][i], source.at[1] - row.at[1][i], source.at[2] - row.at[2][i]];
-                    for c in 0..4 {
-                        let under = moment[0][c] * way[0] + moment[1][c] * way[1] + moment[2][c] * way[2];
-                        partial[i][c] += single[c] * (flux[c] + slope[c] * (flux[c] * heights[i] - under));
-                    }
+            for (sources, moments) in chunk.chunks(copies).zip(moments.chunks(copies)) {
+                if let ([source], [moment], 1) = (sources, moments, copies) {
+                    let seen = SeenPoint::new(&row.at, normals, |_| source);
+                    layers.add_point(&mut partial, &seen, |_| (source, moment, 1.0));
+                    continue;
                 }
+                let (sources, moments) = (Beside { sources, of_lane }, Beside { sources: moments, of_lane });
+                let seen = SeenPoint::new(&row.at, normals, |i| sources.of(i).0);
+                layers.add_point(&mut partial, &seen, |i| (sources.of(i).0, moments.of(i).0, sources.of(i).1));
             }
             partial.flush(&mut row.sums);
         }
@@ -212,16 +245,16 @@ fn points_body(block: &mut Block, layers: &DoubleLayer, sources: &[PointSource],
 
 #[inline(always)]
 fn triangles_body(block: &mut Block, layers: &DoubleLayer, sources: &[FlatSource]) {
+    let copies = block.copies();
+    let of_lane = &of_lanes(copies);
     for chunk in sources.chunks(FLUSH) {
         for (row, normals) in block.rows.iter_mut().zip(&block.normals) {
             let mut partial = [[0.0f32; 4]; LANES];
-            for source in chunk {
-                let values = layers.triangle(&source.seen_from(&row.at), &Facing::new(source, &row.at, normals));
-                for i in 0..LANES {
-                    for c in 0..3 {
-                        partial[i][c] += source.irradiance[c] * values[i][c];
-                    }
-                }
+            for sources in chunk.chunks(copies) {
+                let beside = Beside { sources, of_lane };
+                let seen = FlatSource::seen_by_each(&beside, &row.at);
+                let values = layers.triangle(&seen, &Facing::new(&beside, &row.at, normals));
+                partial.add_products(&irradiances(&beside), &values);
             }
             partial.flush(&mut row.sums);
         }

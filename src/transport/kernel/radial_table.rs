@@ -331,6 +331,15 @@ impl RowValues for [Rgb; LANES] {
     }
 
     #[inline(always)]
+    fn add_products(&mut self, factors: &[Row; 3], values: &Self) {
+        for i in 0..LANES {
+            for c in 0..3 {
+                self[i][c] += factors[c][i] * values[i][c];
+            }
+        }
+    }
+
+    #[inline(always)]
     fn of_lane(&self, lane: usize) -> [f32; 3] {
         let [red, green, blue, _] = self[lane];
         [red, green, blue]
@@ -355,6 +364,14 @@ impl<const BITS: u32> Radial for RadialTable<2, BITS> {
         let flux = [red, green, blue, 0.0];
         for (lane, sum) in sums.iter_mut().enumerate() {
             add_product(sum, &flux, &self.value(&places, lane));
+        }
+    }
+
+    #[inline(always)]
+    fn add_each(&self, sums: &mut [Rgb; LANES], r2: &Row, [red, green, blue]: &[Row; 3]) {
+        let places = self.places(r2);
+        for (lane, sum) in sums.iter_mut().enumerate() {
+            add_product(sum, &[red[lane], green[lane], blue[lane], 0.0], &self.value(&places, lane));
         }
     }
 }
