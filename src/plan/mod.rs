@@ -24,7 +24,7 @@ use self::choice::Choice;
 use self::lights::{Purpose, lights};
 pub use self::record::{Attempt, Considered, Expected, Left, Plan, SCHEMA, Timings};
 pub use self::request::{DEFAULT_MAX_RMS, Edits, Request};
-use self::truth::{Inside, Places, Sampling, Truth, judged_by_a_choice, telling, true_samples};
+use self::truth::{Inside, Places, Sampling, TrueSums, Truth, judged_by_a_choice, telling, true_samples};
 use self::verdict::{Verdict, misses};
 use crate::asset::{Asset, Provenance};
 use crate::compress::ledger::Ledger;
@@ -74,9 +74,9 @@ pub struct Setting<'a> {
 /// Failures of the work. A request that cannot be met is none: the plan says so.
 pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn Progress) -> Result<Planned> {
     let started = Instant::now();
-    let Prepared { all, families, mut plan, kernels, truth, samples } = prepared(request, scene, setting, progress)?;
+    let Prepared { all, families, mut plan, kernels, truth, mut sums } = prepared(request, scene, setting, progress)?;
     let request = &plan.request.clone();
-    let mut sampling = Sampling::new(scene, &kernels, (truth, samples), &request.for_lights);
+    let mut sampling = Sampling::new(scene, &kernels, (truth, sums.samples), &request.for_lights);
     let mut choice = Choice::new(&all, request, families);
     let mut verdict: Option<Verdict> = None;
     let mut kept: Option<(Asset, f64)> = None;
@@ -95,7 +95,7 @@ pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
         let judging = Instant::now();
         let judge = match verdict.take().filter(|verdict| verdict.suits(candidate)) {
             Some(verdict) => verdict,
-            None => Verdict::new(scene, request, candidate, &asset, progress)?,
+            None => Verdict::new(&mut sums, (scene, request), candidate, &asset, progress)?,
         };
         let sizes = sizes(&asset.to_bytes()?)?;
         let (attempt, relight_ms) =
@@ -127,8 +127,8 @@ pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
 /// # Errors
 /// Failures of the work.
 pub fn choose(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn Progress) -> Result<Option<Recipe>> {
-    let Prepared { all, families, mut plan, kernels, truth, samples } = prepared(request, scene, setting, progress)?;
-    let mut sampling = Sampling::new(scene, &kernels, (truth, samples), &request.for_lights);
+    let Prepared { all, families, mut plan, kernels, truth, sums } = prepared(request, scene, setting, progress)?;
+    let mut sampling = Sampling::new(scene, &kernels, (truth, sums.samples), &request.for_lights);
     let request = &plan.request.clone();
     let next = Choice::new(&all, request, families).next(&mut plan.considered, &mut sampling)?;
     Ok(next.and_then(|index| all.into_iter().nth(index)).map(|candidate| candidate.recipe))
@@ -141,7 +141,7 @@ struct Prepared {
     plan: Plan,
     kernels: Vec<RawSection>,
     truth: Truth,
-    samples: usize,
+    sums: TrueSums,
 }
 
 fn prepared(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn Progress) -> Result<Prepared> {
@@ -163,8 +163,9 @@ fn prepared(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
         candidate.recipe.settings.walks.clone_from(&walks);
         candidate.recipe.settings.cache = setting.cache.clone();
     }
-    let truth = Truth::new(scene, seen, samples, &kernels, progress)?;
-    Ok(Prepared { all, families: families.len(), plan, kernels, truth, samples })
+    let mut sums = TrueSums::new(scene, samples, kernels.clone());
+    let truth = Truth::new(&mut sums, seen, progress)?;
+    Ok(Prepared { all, families: families.len(), plan, kernels, truth, sums })
 }
 
 /// What the mesh takes in a file, bytes: nothing that a method adds.

@@ -8,7 +8,7 @@ use super::choice::Choice;
 use super::lights::{Purpose, lights};
 use super::record::{Considered, Left};
 use super::request::{DEFAULT_MAX_RMS, Edits, Request};
-use super::truth::{Places, Sampling, Truth, judged_by_a_choice, telling, true_samples};
+use super::truth::{Places, Sampling, TrueSums, Truth, judged_by_a_choice, telling, true_samples};
 use super::{PLACES, mesh_bytes};
 use crate::evaluate::Model;
 use crate::geometry::mesh::{Mesh, Placement};
@@ -41,7 +41,8 @@ fn chosen(scene: &Scene, request: &Request) -> (Option<Considered>, Vec<Consider
         Candidates::new(&built_in(), request, scene, (mesh_bytes(scene).unwrap(), memory));
     let seen = telling(lights(scene, &request.for_lights, Purpose::Choice).unwrap(), scene);
     let samples = true_samples(scene, request.max_rms, judged_by_a_choice(scene, request.model));
-    let truth = Truth::new(scene, (seen, Places::new(scene, PLACES, 0)), samples, &[], &Silent).unwrap();
+    let mut sums = TrueSums::new(scene, samples, Vec::new());
+    let truth = Truth::new(&mut sums, (seen, Places::new(scene, PLACES, 0)), &Silent).unwrap();
     let mut sampling = Sampling::new(scene, &[], (truth, samples), &request.for_lights);
     let mut choice = Choice::new(&all, request, families.len());
     let next = choice.next(&mut considered, &mut sampling).unwrap();

@@ -81,6 +81,11 @@ pub(super) fn judged_by_a_choice(scene: &Scene, model: Model) -> usize {
     (scene.mesh.triangles.len() / 2 * 3).max(least)
 }
 
+/// [`true_samples`] at least, where a truth is there already.
+fn least_samples(scene: &Scene, max_rms: f64, judged: usize) -> usize {
+    true_samples(scene, max_rms, 0).max(FINER_BEYOND * judged).min(MOST_SAMPLES)
+}
+
 /// The lights of a choice that tell the error of sampling: where there are many triangles, few sharp lights are enough work.
 pub(super) fn telling(lights: Vec<Light>, scene: &Scene) -> Vec<Light> {
     const MANY: usize = 50_000;
@@ -169,16 +174,16 @@ const ALL_PAIRS: Gathered = Gathered {
     outside: None,
 };
 
-/// Sums through the hierarchy: as good as tells the error of a model.
+/// Sums through the hierarchy, as good as tells the error of a model: means over 256 places, a few percent off.
 const OF_A_MODEL: Gathered = Gathered {
     sampling: LightSampling::FAST,
-    near: NearField::FAST,
-    far: Far::Hierarchical { error: 0.005, bound: Bound::SolidAngle },
+    near: NearField { exact_below: 1.5, three_points_below: 3.0 },
+    far: Far::Hierarchical { error: 0.04, bound: Bound::SolidAngle },
     ..ALL_PAIRS
 };
 
 /// Samples of those sums at most.
-const SAMPLES_OF_A_MODEL: usize = 1 << 17;
+const SAMPLES_OF_A_MODEL: usize = 1 << 15;
 
 /// Sums over all pairs of some samples at any place.
 struct Sums(Box<dyn Evaluator>);
@@ -241,6 +246,42 @@ pub(super) fn kernels(asset: &Asset) -> Vec<RawSection> {
     asset.sections.iter().filter(is_kernel).cloned().collect()
 }
 
+/// Exact sums over all pairs at any place, made for the lights that are asked for.
+pub(super) struct TrueSums {
+    scene: Scene,
+    pub(super) samples: usize,
+    /// Sections of calibrated kernels, where the model is not the dipole.
+    kernels: Vec<RawSection>,
+    /// Under sharp lights and under soft ones.
+    sums: [Option<Sums>; 2],
+}
+
+impl TrueSums {
+    pub(super) fn new(scene: &Scene, samples: usize, kernels: Vec<RawSection>) -> Self {
+        Self { scene: scene.clone(), samples, kernels, sums: [None, None] }
+    }
+
+    /// Returns whether these sums tell the error of that many samples of the same kernels, where so much is asked for.
+    pub(super) fn judge(&self, max_rms: f64, judged: usize, kernels: &[RawSection]) -> bool {
+        self.samples >= least_samples(&self.scene, max_rms, judged) && self.kernels == kernels
+    }
+
+    /// Radiosity at some vertices under a light.
+    fn at(&mut self, light: &Light, places: &Places) -> Result<Vec<DVec3>> {
+        let soft = is_soft(light);
+        let of_kind = &mut self.sums[usize::from(soft)];
+        let sums = match of_kind {
+            Some(sums) => sums,
+            None => {
+                let (samples, sampling) =
+                    if soft { under_soft_light(&self.scene, self.samples) } else { (self.samples, TRUE_RAYS) };
+                of_kind.insert(Sums::new(&self.scene, samples, &Gathered { sampling, ..ALL_PAIRS }, &self.kernels)?)
+            }
+        };
+        sums.at(light, places)
+    }
+}
+
 /// True radiosity at some vertices under some lights.
 pub(super) struct Truth {
     pub(super) places: Places,
@@ -250,24 +291,14 @@ pub(super) struct Truth {
 
 impl Truth {
     pub(super) fn new(
-        scene: &Scene,
+        sums: &mut TrueSums,
         (lights, places): (Vec<Light>, Places),
-        samples: usize,
-        kernels: &[RawSection],
         progress: &dyn Progress,
     ) -> Result<Self> {
-        let mut sums: [Option<Sums>; 2] = [None, None];
         let mut values = Vec::with_capacity(lights.len());
         progress.start("truth of a plan", lights.len() as u64);
         for light in &lights {
-            let soft = is_soft(light);
-            let of_kind = &mut sums[usize::from(soft)];
-            if of_kind.is_none() {
-                let (samples, rays) = if soft { under_soft_light(scene, samples) } else { (samples, TRUE_RAYS) };
-                let form = Gathered { sampling: rays, ..ALL_PAIRS };
-                *of_kind = Some(Sums::new(scene, samples, &form, kernels)?);
-            }
-            values.push(of_kind.as_mut().map_or(Ok(Vec::new()), |sums| sums.at(light, &places))?);
+            values.push(sums.at(light, &places)?);
             progress.advance(1);
         }
         progress.finish();

@@ -7,7 +7,7 @@ use super::candidates::Candidate;
 use super::lights::{Purpose, lights};
 use super::record::Attempt;
 use super::request::Request;
-use super::truth::{Places, Truth, kernels, true_samples};
+use super::truth::{Places, TrueSums, Truth, kernels, true_samples};
 use crate::asset::Asset;
 use crate::error::Result;
 use crate::evaluate::{Evaluator, Registry};
@@ -41,9 +41,10 @@ pub(super) struct Verdict {
 }
 
 impl Verdict {
+    /// `sums` are those of the choice, and of the verdict from now on.
     pub(super) fn new(
-        scene: &Scene,
-        request: &Request,
+        sums: &mut TrueSums,
+        (scene, request): (&Scene, &Request),
         candidate: &Candidate,
         asset: &Asset,
         progress: &dyn Progress,
@@ -55,8 +56,11 @@ impl Verdict {
         let directions = (affordable as usize).clamp(*DIRECTIONS.start(), *DIRECTIONS.end());
         let lights = lights(scene, &request.for_lights, Purpose::Verdict { directions })?;
         let judges = forecast.erring_samples().unwrap_or(0);
-        let samples = true_samples(scene, request.max_rms, judges);
-        let truth = Truth::new(scene, (lights, Places::new(scene, PLACES, 1)), samples, &kernels(asset), progress)?;
+        let kernels = kernels(asset);
+        if !sums.judge(request.max_rms, judges, &kernels) {
+            *sums = TrueSums::new(scene, true_samples(scene, request.max_rms, judges), kernels);
+        }
+        let truth = Truth::new(sums, (lights, Places::new(scene, PLACES, 1)), progress)?;
         Ok(Self { truth, judges })
     }
 

@@ -44,32 +44,36 @@ impl Cells {
 
     /// Cells of a sample and its shares in them.
     #[inline]
-    fn shares(&self, sample: usize) -> impl Iterator<Item = (usize, f64)> {
+    fn shares(&self, sample: usize) -> impl Iterator<Item = (usize, f32)> {
         let (cells, shares) = &self.of_sample[sample];
         let all = cells.iter().zip(shares).filter(|(cell, _)| **cell != u32::MAX);
-        all.map(|(cell, share)| (*cell as usize, f64::from(*share)))
+        all.map(|(cell, share)| (*cell as usize, *share))
     }
 
-    /// Sums over the cells of values of the samples.
-    pub(super) fn sums<const C: usize>(&self, values: impl Iterator<Item = [[f64; C]; 2]>) -> Vec<[[f64; C]; 2]> {
-        let mut sums = vec![[[0.0; C]; 2]; self.count];
+    /// Sums over the cells of values of the samples. Few samples share in a cell: single precision is enough.
+    pub(super) fn sums<const C: usize>(&self, values: impl Iterator<Item = [f32; C]>) -> Vec<[f32; C]> {
+        let mut sums = vec![[0.0; C]; self.count];
         for (sample, value) in values.enumerate() {
-            if value != [[0.0; C]; 2] {
-                self.shares(sample)
-                    .for_each(|(cell, share)| (0..2).for_each(|k| add(&mut sums[cell][k], share, &value[k])));
+            if value != [0.0; C] {
+                self.shares(sample).for_each(|(cell, share)| add_single(&mut sums[cell], share, &value));
             }
         }
         sums
     }
 
     /// Means at a sample of values of the cells.
-    pub(super) fn mean(&self, sample: usize, values: &[[[f64; 3]; 2]]) -> [[f64; 3]; 2] {
-        let mut mean = [[0.0; 3]; 2];
-        self.shares(sample).for_each(|(cell, share)| {
-            (0..2).for_each(|k| add(&mut mean[k], share, &values[cell][k]));
-        });
+    #[inline]
+    pub(super) fn mean<const C: usize>(&self, sample: usize, values: &[[f32; C]]) -> [f32; C] {
+        let mut mean = [0.0; C];
+        self.shares(sample).for_each(|(cell, share)| add_single(&mut mean, share, &values[cell]));
         mean
     }
+}
+
+/// [`add`] in single precision.
+#[inline(always)]
+fn add_single<const C: usize>(sum: &mut [f32; C], factor: f32, values: &[f32; C]) {
+    sum.iter_mut().zip(values).for_each(|(sum, value)| *sum += factor * value);
 }
 
 /// Adds a multiple of values.

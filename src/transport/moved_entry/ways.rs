@@ -22,8 +22,8 @@ const CELL: f64 = 3.0;
 const CELL_SAMPLES: f64 = 4.0;
 
 /// Bounds of the factor of a cell; what is more is light that fetching does not find, and is spread over the cell.
-const LEAST_FACTOR: f64 = 0.5;
-const MOST_FACTOR: f64 = 2.0;
+const LEAST_FACTOR: f32 = 0.5;
+const MOST_FACTOR: f32 = 2.0;
 
 /// Cosine towards the light below which samples look for none.
 const TURNED_AWAY: f64 = -0.5;
@@ -49,8 +49,9 @@ pub(super) struct Ways {
     pub(super) cells: Cells,
     /// Part of each sample.
     pub(super) part: Vec<u32>,
-    /// Area of the samples in each cell, mm^2.
-    pub(super) areas_mm2: Vec<f64>,
+    /// Mean area of the samples, mm^2, and the area of those in each cell over it.
+    pub(super) mean_mm2: f64,
+    pub(super) areas: Vec<f32>,
     /// For each sample, the irradiance of light from everywhere that enters there over that which is moved there.
     pub(super) balance: Vec<[f64; 3]>,
     /// For each sample, what moving changes in the irradiance under each harmonic of the light from far away, from the second on.
@@ -66,8 +67,10 @@ impl Ways {
             steps[part].map(|_| (CELL * medium.mean_free_path_mm().max_element()).max(CELL_SAMPLES * spacing))
         };
         let cells = Cells::new(surface, edge);
-        let areas_mm2 = cells.sums(surface.patches.iter().map(|patch| [[patch.area_mm2], [0.0]]));
-        let areas_mm2 = areas_mm2.into_iter().map(|[[area], _]| area).collect();
+        let count = surface.patches.len().max(1) as f64;
+        let mean_mm2 = (surface.patches.iter().map(|patch| patch.area_mm2).sum::<f64>() / count).max(f64::MIN_POSITIVE);
+        let areas = cells.sums(surface.patches.iter().map(|patch| [(patch.area_mm2 / mean_mm2) as f32]));
+        let areas = areas.into_iter().map(|[area]| area).collect();
         let mut part = vec![0; surface.samples.len()];
         for p in 0..parts.parts.len() {
             part[surface.samples.part(p)].fill(p as u32);
@@ -80,7 +83,8 @@ impl Ways {
         let around = (0..part.len()).into_par_iter().map(around).collect();
         let frames = surface.patches.iter().map(Frame::new).collect();
         let steps = steps.into_iter().map(|steps| steps.map(Ladder::new)).collect();
-        let mut ways = Self { steps, around, frames, cells, part, areas_mm2, balance: Vec::new(), sky: Vec::new() };
+        let mut ways =
+            Self { steps, around, frames, cells, part, mean_mm2, areas, balance: Vec::new(), sky: Vec::new() };
         (ways.balance, ways.sky) = ways.under_skies(surface);
         ways
     }
@@ -115,7 +119,7 @@ impl Ways {
         let of_sample = |(before, after): &([f64; HARMONICS], [[f64; 3]; HARMONICS])| {
             let factor = after[0].map(|after| {
                 let ratio = before[0] / after;
-                if ratio.is_finite() { ratio.clamp(LEAST_FACTOR, MOST_FACTOR) } else { 1.0 }
+                if ratio.is_finite() { ratio.clamp(LEAST_FACTOR.into(), MOST_FACTOR.into()) } else { 1.0 }
             });
             let change = |k: usize, c: usize| (solid_angle * (factor[c] * after[k][c] - before[k])) as f32;
             (factor, std::array::from_fn(|k| std::array::from_fn(|c| change(k + 1, c))))
@@ -168,24 +172,39 @@ impl Ways {
         };
         let mut result: Vec<[f64; 3]> = (0..irradiance.len()).into_par_iter().map(of_sample).collect();
         let flux = self.thrown(surface, irradiance, towards);
-        let both = result.iter().zip(&flux).zip(surface.patches);
-        let sums = self.cells.sums(both.map(|((e, flux), patch)| [e.map(|e| e * patch.area_mm2), *flux]));
-        // Factors of the cells, and irradiance that fetching does not find.
-        let mut of_cells = vec![[[1.0; 3], [0.0; 3]]; self.cells.count];
-        for (cell, [factor, missing]) in of_cells.iter_mut().enumerate() {
-            let area = self.areas_mm2[cell].max(f64::MIN_POSITIVE);
-            for c in 0..3 {
-                let [there, wanted] = [sums[cell][0][c], sums[cell][1][c]];
-                if there > 0.0 {
-                    factor[c] = (wanted / there).clamp(LEAST_FACTOR, MOST_FACTOR);
-                }
-                missing[c] = (wanted - factor[c] * there).max(0.0) / area;
-            }
+        // Relative to the brightest sample of the mean area, so that single precision holds any light.
+        let peak = irradiance.iter().copied().fold(0.0, f64::max);
+        let unit = peak * self.mean_mm2;
+        if unit <= 0.0 || !unit.is_finite() {
+            return result;
         }
+        let sums = self.cells.sums(result.iter().zip(&flux).zip(surface.patches).map(|((e, flux), patch)| {
+            let mut both = [0.0f32; 8];
+            for c in 0..3 {
+                both[c] = (e[c] * patch.area_mm2 / unit) as f32;
+                both[4 + c] = (flux[c] / unit) as f32;
+            }
+            both
+        }));
+        // Factors of the cells, and irradiance that fetching does not find.
+        let of_cell = |(sums, area): (&[f32; 8], &f32)| {
+            let mut both = [1.0f32, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+            for c in 0..3 {
+                let [there, wanted] = [sums[c], sums[4 + c]];
+                if there > 0.0 {
+                    both[c] = (wanted / there).clamp(LEAST_FACTOR, MOST_FACTOR);
+                }
+                both[4 + c] = (wanted - both[c] * there).max(0.0) / area.max(f32::MIN_POSITIVE);
+            }
+            both
+        };
+        let of_cells: Vec<[f32; 8]> = sums.iter().zip(&self.areas).map(of_cell).collect();
         result.par_iter_mut().enumerate().for_each(|(sample, e)| {
             if self.steps[self.part[sample] as usize].is_some() {
-                let [factor, missing] = self.cells.mean(sample, &of_cells);
-                e.iter_mut().zip(factor).zip(missing).for_each(|((e, factor), missing)| *e = *e * factor + missing);
+                let both = self.cells.mean(sample, &of_cells);
+                for c in 0..3 {
+                    e[c] = e[c] * f64::from(both[c]) + peak * f64::from(both[4 + c]);
+                }
             }
         });
         result

@@ -46,9 +46,16 @@ struct Scratch {
 }
 
 impl NearSamples {
-    /// Lists of the samples within reach of receivers, which are in groups.
-    pub(super) fn new(samples: &[DVec3], receivers: &[DVec3], groups: &[Run], reach_mm: f64) -> Self {
-        let close = ClosePairs::new(samples, |_| reach_mm, receivers, groups);
+    /// Lists of the samples within reach of receivers, which are in groups; those of groups that nobody asks for are empty, and nothing is
+    /// added to them.
+    pub(super) fn new(
+        samples: &[DVec3],
+        receivers: &[DVec3],
+        (groups, is_asked): (&[Run], impl Fn(&Run) -> bool),
+        reach_mm: f64,
+    ) -> Self {
+        let asked = |run: &Run| if is_asked(run) { *run } else { Run { end: run.first, ..*run } };
+        let close = ClosePairs::new(samples, |_| reach_mm, receivers, &groups.iter().map(asked).collect::<Vec<_>>());
         Self { close, groups: groups.to_vec(), receivers: receivers.to_vec() }
     }
 
@@ -61,6 +68,9 @@ impl NearSamples {
         let level = InstructionSet::detect().min(InstructionSet::Avx2);
         let jobs = self.groups.par_iter().zip(cut(out, self.groups.iter().map(|run| run.range().len())));
         jobs.enumerate().with_min_len(4).for_each_init(Scratch::default, |scratch, (g, (run, out))| {
+            if self.close.of(g).is_empty() {
+                return;
+            }
             let members = &self.receivers[run.range()];
             let place = Sphere::around(members);
             scratch.close.clear();

@@ -99,7 +99,7 @@ impl Quality {
         };
         let guess = Self::for_error(error);
         let guess = Self { softening: SMOOTHEST * guess.softening, ..guess };
-        let mut nets = SurfaceNets::new(surface, receivers, guess);
+        let mut nets = SurfaceNets::at_some(surface, receivers, guess, Some(&points.indices));
         let media: Vec<&KernelsOfParts> =
             media.iter().filter(|(kernels, parts)| nets.resolve((kernels, parts))).collect();
         let mut measured = |quality: Self, media: &[(&KernelsOfParts, Vec<Vec<DVec3>>)]| {
@@ -167,6 +167,22 @@ pub struct SurfaceNets {
     pub(crate) parts: Vec<Part>,
     facets: Facets,
     quality: Quality,
+    /// The receivers whose radiosity is asked for, ascending; all where there is no list. What is near the groups of others is left out.
+    asked: Option<Vec<u32>>,
+}
+
+/// A run of the receivers of a part, among all receivers.
+fn of_all(receivers: &std::ops::Range<usize>, run: &Run) -> std::ops::Range<usize> {
+    let run = run.range();
+    receivers.start + run.start..receivers.start + run.end
+}
+
+/// Returns whether the radiosity of a receiver in a run is asked for.
+fn is_asked(asked: Option<&[u32]>, run: std::ops::Range<usize>) -> bool {
+    asked.is_none_or(|asked| {
+        let first = asked.partition_point(|&i| (i as usize) < run.start);
+        asked.get(first).is_some_and(|&i| run.contains(&(i as usize)))
+    })
 }
 
 /// One part that light enters.
@@ -219,6 +235,16 @@ pub struct SurfaceTables {
 impl SurfaceNets {
     /// The nets of the samples of a surface, for receivers on it.
     pub fn new(surface: &Surface, receivers: &Receivers, quality: Quality) -> Self {
+        Self::at_some(surface, receivers, quality, None)
+    }
+
+    /// [`Self::new`] where the radiosity of some receivers alone is asked for.
+    fn at_some(surface: &Surface, receivers: &Receivers, quality: Quality, asked: Option<&[u32]>) -> Self {
+        let asked = asked.map(|asked| {
+            let mut asked = asked.to_vec();
+            asked.sort_unstable();
+            asked
+        });
         let centres: Vec<DVec3> = surface.patches.iter().map(|p| p.centre_mm).collect();
         let of_part = |groups: &[Group]| {
             let (first, last) = (groups.first()?, groups.last()?);
@@ -226,17 +252,18 @@ impl SurfaceNets {
             surface.domain.parts.parts.get(index)?.medium?;
             let samples = surface.samples.part(index);
             let range = first.run.first as usize..last.run.end as usize;
-            Some(Self::part(surface, (&centres, samples), (receivers, range, groups), index, quality))
+            let asked = asked.as_deref();
+            Some(Self::part(surface, (&centres, samples), (receivers, range, groups, asked), index, quality))
         };
         let parts = receivers.groups.chunk_by(|a, b| a.part == b.part).filter_map(of_part).collect();
         let facets = Facets::new(surface.domain.mesh, surface.samples, surface.patches);
-        Self { parts, facets, quality }
+        Self { parts, facets, quality, asked }
     }
 
     fn part(
         surface: &Surface,
         (centres, samples): (&[DVec3], std::ops::Range<usize>),
-        (receivers, range, groups): (&Receivers, std::ops::Range<usize>, &[Group]),
+        (receivers, range, groups, asked): (&Receivers, std::ops::Range<usize>, &[Group], Option<&[u32]>),
         part: usize,
         quality: Quality,
     ) -> Part {
@@ -258,7 +285,10 @@ impl SurfaceNets {
         let positions = &receivers.positions[range.clone()];
         let (nets, near) = rayon::join(
             || Multilevel::new(&sources, &targets, resolution),
-            || NearSamples::new(&centres[samples.clone()], positions, &runs, resolution.near_mm()),
+            || {
+                let is_asked = |run: &Run| is_asked(asked, of_all(&range, run));
+                NearSamples::new(&centres[samples.clone()], positions, (&runs, is_asked), resolution.near_mm())
+            },
         );
         Part { part, groups: runs, samples, receivers: range, nets, near, extent_mm, doubled: Mutex::default() }
     }
@@ -267,12 +297,14 @@ impl SurfaceNets {
     fn set_quality(&mut self, surface: &Surface, receivers: &Receivers, quality: Quality) {
         let softens = quality.softening != self.quality.softening;
         self.quality = Quality { spacing: self.quality.spacing, ..quality };
+        let asked = self.asked.as_deref();
         for part in self.parts.iter_mut().filter(|_| softens) {
             let spacing_mm = part.nets.resolution.spacing_mm;
             part.nets.soften(softening(quality, part.samples.len(), part.extent_mm, spacing_mm));
             let centres: Vec<DVec3> = surface.patches[part.samples.clone()].iter().map(|p| p.centre_mm).collect();
             let positions = &receivers.positions[part.receivers.clone()];
-            part.near = NearSamples::new(&centres, positions, &part.groups, part.nets.resolution.near_mm());
+            let is_asked = |run: &Run| is_asked(asked, of_all(&part.receivers, run));
+            part.near = NearSamples::new(&centres, positions, (&part.groups, is_asked), part.nets.resolution.near_mm());
         }
     }
 
