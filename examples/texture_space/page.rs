@@ -26,8 +26,8 @@ cut it, the mip-map of the texture sums it up, and few samples of it bring radio
   paper's. A pixel of the image is a piece of the plane of its triangle, not a point. Directional and point lights alone.
 - **On an adapter** (`--device gpu`) all of it runs in shaders: rays for the shadows of every kind of light, the mip-map level by level, draws, descents, and both parts of
   the hybrid method with its image. Clusters alone are chosen on the processor, from the light of the nodes, which is read back. Radiosity is the processor's to 2e-7 RMS,
-  the hybrid method's to 5e-5, where rays through the middle of a pixel meet an edge (`cargo test --release --lib texture_space::device -- --nocapture`, on lavapipe; no other
-  adapter was at hand).
+  the hybrid method's to 5e-5, where rays through the middle of a pixel meet an edge (`cargo test --release --lib texture_space::device -- --nocapture`, on lavapipe;
+  times on another adapter are among the [figures](figures.md#on-a-graphics-adapter)).
 - **The atlas** is the model's own texture coordinates where nothing overlaps, else charts of our own (`--set map`).
 
 | figure | the paper | wanted | measured |
@@ -66,7 +66,7 @@ vertices. On two cores that nothing else used, but for the last row, beside whic
   The truth is `two_pass` as well, at 0.5 %: that row is all but the truth itself, and what is below 0.15 % is hardly told apart.
 - Exact sums are those of `two_pass` over all pairs, integrals over whatever is near included.
 - The software adapter makes 0.22 frames a second with 400 shared samples, 0.17 with `product`, where the processor makes 10 and 9: there `--device auto` keeps
-  transport on the processor. No other adapter was at hand.
+  transport on the processor. Times on a graphics adapter are among the [figures](figures.md#on-a-graphics-adapter).
 
 ";
 

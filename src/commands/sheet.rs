@@ -288,7 +288,8 @@ fn settings(args: &SheetArgs, evaluator: &dyn Evaluator) -> Result<RenderSetting
     })
 }
 
-const CAPTION_LINES: usize = 2;
+/// Lines below a narrow sheet, more or less.
+const CAPTION_LINES: usize = 6;
 
 /// What stands below a sheet.
 fn caption(report: &SheetReport, model: &Path) -> Vec<String> {

@@ -55,8 +55,10 @@ impl Sheet {
     pub(crate) fn to_png(&self) -> Result<Vec<u8>> {
         let letters = self.rows.iter().map(|name| name.chars().count()).max().unwrap_or(0);
         let counts = [self.rows.len(), self.columns.len()];
-        let size = Self::size(self.cell, counts, letters, self.caption.len());
-        let [width, height] = size.ok_or_else(|| Error::runtime("the sheet is too large for one picture"))?;
+        let too_large = || Error::runtime("the sheet is too large for one picture");
+        let [width, _] = Self::size(self.cell, counts, letters, 0).ok_or_else(too_large)?;
+        let caption: Vec<String> = self.caption.iter().flat_map(|text| wrapped(text, letters_in(width))).collect();
+        let [width, height] = Self::size(self.cell, counts, letters, caption.len()).ok_or_else(too_large)?;
         let mut buffer = vec![PAPER; 3 * width as usize * height as usize];
         let left = width - counts[1] as u32 * (self.cell[0] + GAP);
         let top = 2 * LINE + GAP;
@@ -76,14 +78,14 @@ impl Sheet {
         for (group, text) in self.groups.iter().enumerate() {
             let wide = of_a_group as u32 * (self.cell[0] + GAP) - GAP;
             let middle = at(0, group * of_a_group)[0] + wide / 2;
-            write(&shortened(text, (wide / LETTER * 5 / 3) as usize), [middle, GAP], HPos::Center)?;
+            write(&shortened(text, letters_in(wide + 2 * GAP)), [middle, GAP], HPos::Center)?;
         }
         for (row, name) in self.rows.iter().enumerate() {
             let [_, y] = at(row, 0);
             write(name, [left - GAP, y + self.cell[1] / 2 - LETTER / 2], HPos::Right)?;
         }
         let below = at(self.rows.len(), 0)[1];
-        for (line, text) in self.caption.iter().enumerate() {
+        for (line, text) in caption.iter().enumerate() {
             write(text, [GAP, below + line as u32 * LINE], HPos::Left)?;
         }
         root.present().map_err(|e| Error::runtime(format!("sheet: {e}")))?;
@@ -147,6 +149,28 @@ impl Sheet {
     }
 }
 
+/// Letters that a line of a width takes between its margins.
+fn letters_in(width: u32) -> usize {
+    (width.saturating_sub(2 * GAP) * 5 / (3 * LETTER)) as usize
+}
+
+/// A text in lines of at most so many letters, cut at its spaces; words that are longer have a line each.
+fn wrapped(text: &str, letters: usize) -> Vec<String> {
+    let mut lines = vec![String::new()];
+    for word in text.split(' ') {
+        let last = lines.len() - 1;
+        let line = &mut lines[last];
+        if line.is_empty() {
+            line.push_str(word);
+        } else if line.chars().count() + 1 + word.chars().count() <= letters {
+            line.extend([" ", word]);
+        } else {
+            lines.push(word.to_owned());
+        }
+    }
+    lines
+}
+
 /// A text of at most so many letters, the rest of which is left out.
 fn shortened(text: &str, letters: usize) -> String {
     if text.chars().count() <= letters {
@@ -194,6 +218,25 @@ mod tests {
         assert!(
             Sheet::size([4096, 10], [1, 5], 4, 1).is_none() && Sheet::size([8, 6], [usize::MAX, 1], 4, 1).is_none()
         );
+    }
+
+    #[test]
+    fn captions_of_narrow_sheets_take_more_lines() {
+        let text = "one bake of some samples and a name_that_is_longer_than_a_line";
+        assert_eq!(wrapped(text, 12), ["one bake of", "some samples", "and a", "name_that_is_longer_than_a_line"]);
+        assert_eq!(wrapped(text, 99), [text]);
+        let of = |caption: &str| {
+            let sheet = Sheet { caption: vec![caption.to_owned()], ..sheet() };
+            decode_png(&sheet.to_png().unwrap()).unwrap()
+        };
+        let (short, long) = (of("one bake"), of("one bake of many samples with a small error and a name"));
+        assert_eq!(short.width, long.width);
+        let lines = (long.height - short.height) / LINE as usize;
+        assert!((2..8).contains(&lines), "{lines}");
+        // Nothing is written over the right margin.
+        let below = short.height - LINE as usize - GAP as usize;
+        let margin = (below * long.width..long.height * long.width).filter(|i| i % long.width + 2 >= long.width);
+        assert!(margin.into_iter().all(|i| (long.rgb[i][0] - long.rgb[0][0]).abs() < 0.01));
     }
 
     #[test]

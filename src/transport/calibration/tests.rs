@@ -10,6 +10,7 @@ use crate::geometry::shapes;
 use crate::geometry::source::SourceModel;
 use crate::light::Light;
 use crate::math::quadrature::integrate;
+use crate::math::random::uniform;
 use crate::medium::material::preset;
 use crate::transport::irradiance::LightSampling;
 use crate::transport::kernel::double_layer::Moment;
@@ -154,6 +155,57 @@ fn a_block_sums_what_the_formula_says() {
             assert!((block.sum(0)[c] / expected - 1.0).abs() < 2e-3, "{c}");
         }
         block.reset(centre, std::iter::once(Receiver { at_mm: receiver, normal: n_o }));
+    }
+}
+
+/// Few receivers have the sums of many: each source by each, whatever stands side by side.
+#[test]
+fn blocks_of_any_number_of_receivers_have_the_same_sums() {
+    let (layered, single, _) = some_kernel();
+    let kernels = [MediumKernel::of_dipoles(dipoles("skin1")), MediumKernel::of_profiles(single, 30.0), layered];
+    let level = crate::math::simd::InstructionSet::detect();
+    let place = |i: u64| DVec3::from_array([0, 1, 2].map(|axis| 3.0 * uniform(5, axis, i) - 1.5));
+    let normal = |i: u64| (place(100 + i) + DVec3::new(0.1, 0.0, 0.2)).normalize();
+    let receivers: Vec<Receiver> = (0..20).map(|i| Receiver { at_mm: place(i), normal: normal(i) }).collect();
+    // Numbers that no lanes divide, more than are summed in single precision at once.
+    let points: Vec<PointSource> =
+        (0..71).map(|i| PointSource::new(2.0 * place(200 + i), place(300 + i).abs(), DVec3::ZERO)).collect();
+    let moments: Vec<Moment> = (0..71).map(|i| Moment::of_facet(place(300 + i).abs(), normal(400 + i))).collect();
+    let triangles: Vec<FlatSource> = (0..37)
+        .filter_map(|i| {
+            let corners = [0, 1, 2].map(|k| 2.0 * place(500 + i) + 0.4 * place(600 + 3 * i + k));
+            FlatSource::new(corners, place(700 + i).abs().as_vec3().to_array(), DVec3::ZERO)
+        })
+        .collect();
+    for kernel in &kernels {
+        let sums = |receivers: &[Receiver]| -> [Vec<DVec3>; 2] {
+            let mut block = Block::default();
+            [false, true].map(|flat| {
+                block.reset(DVec3::ZERO, receivers.iter().copied());
+                match (kernel.layers(), flat) {
+                    (Some(layers), false) => layers.add_points(level, &mut block, &points, &moments),
+                    (Some(layers), true) => layers.add_triangles(level, &mut block, &triangles),
+                    (None, false) => kernel.add_points(level, &mut block, &points),
+                    (None, true) => kernel.add_triangles(level, &mut block, &triangles),
+                }
+                let found: Vec<DVec3> = (0..receivers.len()).map(|i| block.sum(i)).collect();
+                let mut taken = vec![[0.0f32; 3]; receivers.len()];
+                block.take(&mut taken);
+                for (taken, found) in taken.iter().zip(&found) {
+                    assert_eq!(taken.map(f64::from), found.as_vec3().as_dvec3().to_array());
+                }
+                assert_eq!(block.sum(0), DVec3::ZERO);
+                found
+            })
+        };
+        let all = sums(&receivers);
+        for count in [1, 2, 3, 4, 5, 8, 9, 16, 17] {
+            for (some, all) in sums(&receivers[..count]).iter().zip(&all) {
+                let largest = all.iter().map(|sum| sum.abs().max_element()).fold(0.0, f64::max);
+                let off = some.iter().zip(all).map(|(a, b)| (*a - *b).abs().max_element()).fold(0.0, f64::max);
+                assert!(largest > 0.01 && off < 1e-6 * largest, "{count}: {off:e} of {largest}");
+            }
+        }
     }
 }
 
