@@ -344,10 +344,10 @@ fn points_body<K: Radial>(block: &mut Block, kernel: &K, sources: &[PointSource]
                     let (mut r2, mut flux) = ([0.0; LANES], [[0.0; LANES]; 3]);
                     for i in 0..LANES {
                         let (source, is_one) = beside.of(i);
-                        for axis in 0..3 {
+                        for (axis, flux) in flux.iter_mut().enumerate() {
                             let step = row.at[axis][i] - source.at[axis];
                             r2[i] += step * step;
-                            flux[axis][i] = is_one * source.flux[axis];
+                            flux[i] = is_one * source.flux[axis];
                         }
                     }
                     kernel.add_each(&mut partial, &r2, &flux);
@@ -386,10 +386,10 @@ fn triangles_body<K: RadialIntegral>(block: &mut Block, kernel: &K, sources: &[F
 #[inline(always)]
 fn irradiances(beside: &Beside<FlatSource>) -> [Row; 3] {
     let mut values = [[0.0; LANES]; 3];
-    for i in 0..LANES {
-        let (source, is_one) = beside.of(i);
-        for c in 0..3 {
-            values[c][i] = is_one * source.irradiance[c];
+    for (c, values) in values.iter_mut().enumerate() {
+        for (i, value) in values.iter_mut().enumerate() {
+            let (source, is_one) = beside.of(i);
+            *value = is_one * source.irradiance[c];
         }
     }
     values

@@ -112,14 +112,14 @@ impl DoubleLayer {
         of: impl Fn(usize) -> (&'a PointSource, &'a Moment, f32),
     ) {
         let places = self.slope.places(&seen.r2);
-        for i in 0..LANES {
+        for (i, partial) in partial.iter_mut().enumerate() {
             let (source, Moment(moment), factor) = of(i);
             let (single, slope) = (self.single.reflectance.value(&places, i), self.slope.value(&places, i));
             let flux = [source.flux[0], source.flux[1], source.flux[2], 0.0];
             let way = [seen.ways[0][i], seen.ways[1][i], seen.ways[2][i]];
             for c in 0..4 {
                 let under = moment[0][c] * way[0] + moment[1][c] * way[1] + moment[2][c] * way[2];
-                partial[i][c] += factor * single[c] * (flux[c] + slope[c] * (flux[c] * seen.heights[i] - under));
+                partial[c] += factor * single[c] * (flux[c] + slope[c] * (flux[c] * seen.heights[i] - under));
             }
         }
     }
