@@ -288,8 +288,8 @@ fn settings(args: &SheetArgs, evaluator: &dyn Evaluator) -> Result<RenderSetting
     })
 }
 
-/// Lines below a narrow sheet, more or less.
-const CAPTION_LINES: usize = 6;
+/// Lines below a sheet at most, where each word has one of its own: told before the bake.
+const CAPTION_LINES: usize = 40;
 
 /// What stands below a sheet.
 fn caption(report: &SheetReport, model: &Path) -> Vec<String> {
