@@ -76,6 +76,10 @@ pub(super) struct PictureArgs {
     /// object takes away. It sends no light to the object
     #[arg(long)]
     ground: bool,
+    /// Add light that crosses thin parts without being scattered: skies and area lights seen through the object, refracted; a layer
+    /// `straight` in OpenEXR
+    #[arg(long)]
+    straight_through: bool,
     /// How OpenEXR pictures store colours; data (normal, depth, coverage, part) always have 32 bits
     #[arg(long, value_name = "TYPE", default_value = "half")]
     exr_type: ColourType,
@@ -110,7 +114,8 @@ impl PictureArgs {
         let settings = self.view.settings(&evaluator.scene().mesh, self.resolution)?;
         let opaque = Some(self.opaque_color.unwrap_or(DVec3::splat(DEFAULT_OPAQUE)));
         let ground = if self.ground { Ground::Shadow } else { Ground::None };
-        Ok(RenderSettings { samples_per_pixel, exit_fresnel, opaque, ground, ..settings })
+        let straight = self.straight_through;
+        Ok(RenderSettings { samples_per_pixel, exit_fresnel, opaque, ground, straight, ..settings })
     }
 }
 
@@ -171,6 +176,7 @@ pub(super) fn finish(
         exr_type: picture.exr_type,
         tone: picture.tone,
         ground: picture.ground,
+        straight_through: frame.has_straight,
         exposure: picture.view.exposure.to_string(),
         exposure_factor: picture.view.exposure.factor(&frame),
         coverage: frame.pixels.iter().map(|p| f64::from(p.coverage)).sum::<f64>() / frame.pixels.len() as f64,

@@ -16,6 +16,7 @@ use super::pixel_samples::{PixelSamples, Stream};
 use super::seen::{Seen, shared_within_mm};
 use super::settings::{EMPTY, Ground, Pixel, RenderSettings, Specular};
 use super::single::{EyeRay, Scattered, SingleRadiance, Spot};
+use super::straight::Straight;
 use super::texture::Texture;
 use crate::evaluate::exitance::{Exitance, MeshPoint};
 use crate::geometry::bvh::{Bvh, Hit, Ray};
@@ -73,6 +74,7 @@ impl Counts {
 struct Sum {
     diffuse: DVec3,
     single: DVec3,
+    straight: DVec3,
     specular: DVec3,
     albedo: DVec3,
     matte: DVec3,
@@ -116,9 +118,12 @@ impl Sum {
         }
         let most = self.parts.iter().max_by_key(|(part, hits)| (*hits, std::cmp::Reverse(*part)));
         Pixel {
-            beauty: narrow((self.diffuse + self.single + self.specular + self.matte + background) * share),
+            beauty: narrow(
+                (self.diffuse + self.single + self.straight + self.specular + self.matte + background) * share,
+            ),
             diffuse: narrow(self.diffuse * share),
             single: narrow(self.single * share),
+            straight: narrow(self.straight * share),
             specular: narrow(self.specular * share),
             matte: narrow(self.matte * share),
             shadow,
@@ -162,6 +167,7 @@ pub(super) struct Renderer<'a> {
     bvh: &'a Bvh,
     exitance: Source<'a>,
     single: SingleRadiance<'a>,
+    straight: Option<Straight<'a>>,
     texture: Option<&'a Texture>,
     settings: &'a RenderSettings,
     backdrop: Backdrop<'a>,
@@ -251,6 +257,7 @@ impl<'a> Renderer<'a> {
                 None => Source::Points(scattered.exitance),
             },
             single: SingleRadiance::new(scene, scattered.single),
+            straight: settings.straight.then(|| Straight::new(scene, bvh, lights)),
             texture: scattered.texture,
             settings,
             backdrop: Backdrop::new(settings.background, lights),
@@ -506,6 +513,9 @@ impl<'a> Renderer<'a> {
         let normal = facing(normal, to_eye, least).unwrap_or(geometric);
         let exit = ExitPoint { at_mm: point, normal, geometric, part };
         let medium = medium.map_or(0, |m| m as usize);
+        if let Some(straight) = &self.straight {
+            sum.straight += straight.radiance(&self.normals, &exit, (medium, to_eye));
+        }
         let mut single = self.single.at(&Spot { point: &place, exit, to_eye, cosine, medium }, ray);
         let mut albedo = DVec3::ONE;
         if let Some(texture) = self.texture {

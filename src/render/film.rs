@@ -180,6 +180,7 @@ pub fn side_by_side(pictures: &[(Frame, f64)]) -> Result<Frame> {
         back_facing_share: 0.0,
         exitance: pictures.first().map_or_else(ExitanceAt::default, |(frame, _)| frame.exitance),
         single: SingleLayer::None,
+        has_straight: false,
         textured: false,
         has_matte: false,
         has_ground: false,
@@ -194,7 +195,7 @@ fn object(p: &Pixel) -> [f32; 3] {
 
 /// Radiance from inside the object, multiplied by the coverage.
 fn scattered(p: &Pixel) -> [f32; 3] {
-    std::array::from_fn(|c| (p.diffuse[c] + p.single[c]).min(f32::MAX))
+    std::array::from_fn(|c| (p.diffuse[c] + p.single[c] + p.straight[c]).min(f32::MAX))
 }
 
 /// Storage of the colours of an OpenEXR picture.
@@ -213,8 +214,9 @@ pub enum ColourType {
 impl ColourType {
     /// Number of pixels with a clamped colour.
     pub fn cut_pixels(self, frame: &Frame) -> usize {
-        let beyond =
-            |p: &&Pixel| [p.beauty, p.diffuse, p.single, p.specular].as_flattened().iter().any(|c| c.abs() > MAX_HALF);
+        let beyond = |p: &&Pixel| {
+            [p.beauty, p.diffuse, p.single, p.straight, p.specular].as_flattened().iter().any(|c| c.abs() > MAX_HALF)
+        };
         match self {
             Self::Half => frame.pixels.iter().filter(beyond).count(),
             Self::Float => 0,
@@ -225,7 +227,8 @@ impl ColourType {
 /// Encodes an OpenEXR picture of linear radiance, never exposed, with `attributes` (name, text) in its header.
 ///
 /// Layers of colour, stored as asked: the beauty as `R`, `G`, `B` with the coverage as `A`; `diffuse.R`, `.G`, `.B`;
-/// `single.R`, `.G`, `.B` if there is single scattering; `specular.R`, `.G`, `.B`; `opaque.R`, `.G`, `.B` if there are opaque
+/// `single.R`, `.G`, `.B` if there is single scattering; `straight.R`, `.G`, `.B` if light straight through was asked for;
+/// `specular.R`, `.G`, `.B`; `opaque.R`, `.G`, `.B` if there are opaque
 /// parts; `shadow.A` with a ground; `albedo.R`, `.G`, `.B` if there is a
 /// texture, which is in the other layers already. Layers of data, always 32 bits (see [`Pixel`]): `normal.X`, `.Y`,
 /// `.Z`; `depth.Z` in mm along the viewing axis; `coverage.A`; `part.ID`, a whole number.
@@ -252,6 +255,9 @@ pub fn to_exr(frame: &Frame, colours: ColourType, attributes: Vec<(String, Strin
     let mut layers = vec![layer("", beauty), layer("diffuse", triple(rgb, colour, |p| p.diffuse))];
     if frame.single != SingleLayer::None {
         layers.push(layer("single", triple(rgb, colour, |p| p.single)));
+    }
+    if frame.has_straight {
+        layers.push(layer("straight", triple(rgb, colour, |p| p.straight)));
     }
     layers.push(layer("specular", triple(rgb, colour, |p| p.specular)));
     if frame.has_matte {
@@ -289,6 +295,7 @@ mod tests {
             back_facing_share: 0.0,
             exitance: ExitanceAt::Vertices,
             single: SingleLayer::None,
+            has_straight: false,
             textured: false,
             has_matte: false,
             has_ground: false,

@@ -59,6 +59,8 @@ pub struct Frame {
     pub exitance: ExitanceAt,
     /// The meaning of [`Pixel::single`].
     pub single: SingleLayer,
+    /// Whether [`Pixel::straight`] is that of the lights.
+    pub has_straight: bool,
     /// Whether [`Pixel::albedo`] is that of a texture.
     pub textured: bool,
     /// Whether [`Pixel::matte`] is that of opaque parts.
@@ -68,7 +70,7 @@ pub struct Frame {
 }
 
 /// Largest number of channels of a picture in a file.
-const CHANNELS: u64 = 26;
+const CHANNELS: u64 = 29;
 
 /// Upper bound on the bytes for rendering and writing a picture of this size, without the scene.
 pub fn memory_bytes(resolution: Resolution) -> u64 {
@@ -80,7 +82,8 @@ pub fn memory_bytes(resolution: Resolution) -> u64 {
 ///
 /// Exit radiance is that of [`super::exit::ExitRadiance`] with the shading normal, for the medium of the part that is
 /// hit; specular reflection that of [`super::highlight::Highlight`]: shadowed for directional, point and area lights,
-/// unshadowed for environments and constant lights. Single scattering leaves at the shading normal too. A texture
+/// unshadowed for environments and constant lights. Single scattering leaves at the shading normal too, and so does light that
+/// crosses the object unscattered, where it is asked for. A texture
 /// multiplies both kinds of scattered light, and no reflection. Opaque parts, which have no optical properties, are matte
 /// plastic where an albedo is given: a diffuse base with shadows of all lights, below a boundary of index 1.5. Back sides are
 /// black. The result does not depend on the number of threads.
@@ -135,7 +138,8 @@ pub fn render<'a>(
     let (back_facing_share, textured) = (counts.share(), scattered.texture.is_some());
     let has_matte = settings.opaque.is_some() && scene.parts.parts.iter().any(|part| !part.transfers());
     let has_ground = settings.ground != Ground::None;
-    Ok(Frame { resolution, pixels, back_facing_share, exitance, single, textured, has_matte, has_ground })
+    let has_straight = settings.straight;
+    Ok(Frame { resolution, pixels, back_facing_share, exitance, single, has_straight, textured, has_matte, has_ground })
 }
 
 fn check(settings: &RenderSettings) -> Result<()> {

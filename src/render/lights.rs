@@ -56,6 +56,15 @@ impl Rectangle {
         let corner = *at_mm - origin_mm - 0.5 * (edges[0] * size_mm[0] + edges[1] * size_mm[1]);
         Some(Self { corner, normal: *normal, edges, lengths: *size_mm, radiance: *radiance })
     }
+
+    /// Distance at which a ray meets the side that emits, mm, if it does.
+    pub(super) fn distance_mm(&self, from: DVec3, direction: DVec3) -> Option<f64> {
+        let towards = direction.dot(self.normal);
+        let distance = (self.corner - from).dot(self.normal) / towards;
+        let at = from + direction * distance - self.corner;
+        let is_on = (0..2).all(|k| (0.0..=self.lengths[k]).contains(&at.dot(self.edges[k])));
+        (towards < 0.0 && distance > 0.0 && is_on).then_some(distance)
+    }
 }
 
 /// Where shadow rays of a point start, and the triangle that it is on.

@@ -20,5 +20,6 @@ mod seen;
 mod settings;
 pub mod single;
 pub mod specular;
+mod straight;
 pub mod texture;
 pub mod tone;

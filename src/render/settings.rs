@@ -94,6 +94,8 @@ pub struct RenderSettings {
     pub opaque: Option<DVec3>,
     /// Whether a matte plane under the object catches its shadow.
     pub ground: Ground,
+    /// Whether light that crosses translucent parts unscattered is seen.
+    pub straight: bool,
 }
 
 /// What is under the object.
@@ -123,6 +125,7 @@ impl RenderSettings {
             white: f64::INFINITY,
             opaque: None,
             ground: Ground::None,
+            straight: false,
         }
     }
 }
@@ -130,12 +133,14 @@ impl RenderSettings {
 /// One pixel: means over its eye rays. Colours are linear sRGB radiance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pixel {
-    /// Diffuse, singly scattered and specular radiance where the object is, the background elsewhere, in the object's shadow where there is a ground.
+    /// Diffuse, singly scattered, unscattered and specular radiance where the object is, the background elsewhere, in the object's shadow where there is a ground.
     pub beauty: [f32; 3],
     /// Diffuse radiance, 0 beside the object: multiplied by the coverage, as OpenEXR requires.
     pub diffuse: [f32; 3],
     /// Singly scattered radiance, multiplied by the coverage.
     pub single: [f32; 3],
+    /// Radiance of light that crossed the object unscattered, multiplied by the coverage.
+    pub straight: [f32; 3],
     /// Specular radiance, multiplied by the coverage.
     pub specular: [f32; 3],
     /// Diffuse radiance of opaque parts, multiplied by the coverage.
@@ -163,6 +168,7 @@ pub(super) const EMPTY: Pixel = Pixel {
     beauty: [0.0; 3],
     diffuse: [0.0; 3],
     single: [0.0; 3],
+    straight: [0.0; 3],
     specular: [0.0; 3],
     matte: [0.0; 3],
     shadow: 0.0,

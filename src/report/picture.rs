@@ -48,6 +48,8 @@ pub(crate) struct RenderReport {
     pub(crate) tone: Tone,
     /// Whether a plane under the object catches its shadow.
     pub(crate) ground: bool,
+    /// Whether light that crosses the object unscattered is in the picture.
+    pub(crate) straight_through: bool,
     /// Exposure as asked for; PNG only.
     pub(crate) exposure: String,
     /// Factor on radiance in PNG colours, before the transfer curve.
@@ -98,6 +100,9 @@ impl RenderReport {
             SingleLayer::TowardsEye => Some("along the refracted direction of the eye"),
         };
         all.extend(single.map(|text| ("singleScattering", text.to_owned())));
+        all.extend(
+            self.straight_through.then(|| ("straightThrough", "along the refracted direction of the eye".to_owned())),
+        );
         all.extend(self.texture.clone().map(|texture| ("texture", texture)));
         let image = image.map_or(&[] as &[Input], std::slice::from_ref);
         for (name, inputs) in [("bakedFrom", sources), ("environments", &self.inputs), ("textureFrom", image)] {

@@ -33,5 +33,6 @@ mod render;
 mod single_scattering;
 mod source_fields;
 mod specular;
+mod straight;
 mod texture;
 mod truth;
