@@ -178,7 +178,9 @@ impl ExportArgs {
             Self { engine: Engine::Godot, .. } if self.kind() == Kind::Page => {
                 misplaced("--engine", "vertex-colors and sh1")
             }
-            Self { scene: Some(_), .. } if self.kind() == Kind::Page => misplaced("--scene", "the kinds that write a GLB"),
+            Self { scene: Some(_), .. } if self.kind() == Kind::Page => {
+                misplaced("--scene", "the kinds that write a GLB")
+            }
             Self { engine: Engine::Godot, .. } if is_map => misplaced("--engine", "vertex-colors and sh1"),
             Self { engine: Engine::Godot, kind: Some(Kind::Sh2), .. } => Err(Error::unsupported(
                 "--engine godot: the 27 floats of sh2 do not fit the 12 that Godot takes from a glTF file: --as sh1 has 12",
@@ -202,7 +204,8 @@ impl ExportArgs {
 
     /// What was asked for, or follows from the names of the files.
     fn kind(&self) -> Kind {
-        let of_names = if self.output.iter().all(|path| suffix(path) == "html") { Kind::Page } else { Kind::VertexColors };
+        let of_names =
+            if self.output.iter().all(|path| suffix(path) == "html") { Kind::Page } else { Kind::VertexColors };
         self.kind.unwrap_or(of_names)
     }
 
@@ -218,7 +221,13 @@ impl ExportArgs {
         console: &Console,
     ) -> Result<ExitCode> {
         let (asset, exposure) = (self.asset.asset.as_path(), self.exposure.unwrap_or_default());
-        let (bytes, page) = self.page.make(evaluator, (asset, provenance), (&lights, self.lights.light.is_empty()), exposure, console)?;
+        let (bytes, page) = self.page.make(
+            evaluator,
+            (asset, provenance),
+            (&lights, self.lights.light.is_empty()),
+            exposure,
+            console,
+        )?;
         let nothing = Exported { data: None, exposed: None, map: None, flattening: None };
         let mut report = self.report(&nothing, provenance, lights, evaluator.scene());
         report.cost = evaluator.cost();

@@ -171,7 +171,11 @@ impl PageArgs {
         let mut bytes = Vec::new();
         // The number of bytes is in them: twice is enough, as its digits stay as many.
         for _ in 0..3 {
-            let mut says = vec![format!("{}, {diagonal} mm, {vertices} vertices, method {}", materials.join(", "), provenance.method)];
+            let mut says = vec![format!(
+                "{}, {diagonal} mm, {vertices} vertices, method {}",
+                materials.join(", "),
+                provenance.method
+            )];
             says.extend(report.lines().into_iter().map(|line| line.replacen("PAGE ", "", 1)));
             says.push("Highlights, and light on opaque parts, have no shadows here. The error is that of the light below the surface.".to_owned());
             let about = json!({
@@ -183,7 +187,8 @@ impl PageArgs {
                     "exposure": stops, "gloss": 1.0,
                 },
             });
-            bytes = console.stage("page", || html(&turned, evaluator.scene(), (&ambient_weights, &fixed_weights), &about));
+            bytes =
+                console.stage("page", || html(&turned, evaluator.scene(), (&ambient_weights, &fixed_weights), &about));
             if report.bytes == bytes.len() {
                 break;
             }

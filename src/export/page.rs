@@ -190,7 +190,9 @@ fn functions(columns: &[Vec<f32>], areas: &[f64]) -> Result<(usize, Vec<i8>)> {
     let mut gram = vec![0.0; count * count];
     gram.par_chunks_exact_mut(count).enumerate().for_each(|(i, row)| {
         let others = columns[..=i].iter().zip(&scales);
-        row.iter_mut().zip(others).for_each(|(out, (other, scale))| *out = product(&columns[i], other) * scale * scales[i]);
+        row.iter_mut()
+            .zip(others)
+            .for_each(|(out, (other, scale))| *out = product(&columns[i], other) * scale * scales[i]);
     });
     let trace: f64 = (0..count).map(|i| gram[i * count + i]).sum();
     let vectors = leading_eigen(&gram, count, MOST_FUNCTIONS, LEFT_OUT * trace)?.pairs.vectors;

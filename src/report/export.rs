@@ -81,7 +81,8 @@ impl PageReport {
     /// What the page loses, a line each.
     pub(crate) fn lines(&self) -> Vec<String> {
         let [mean, worst, vertex] = [self.mean_rms, self.worst_rms, self.worst_vertex].map(percent);
-        let others = [("ambient", self.ambient_rms), ("the other lights", self.fixed_rms), ("the first light", self.first_rms)];
+        let others =
+            [("ambient", self.ambient_rms), ("the other lights", self.fixed_rms), ("the first light", self.first_rms)];
         let others = others.into_iter().filter_map(|(name, rms)| Some(format!("; {name} {}", percent(rms?))));
         vec![
             format!(
@@ -187,9 +188,10 @@ impl ExportReport {
             };
             format!("FLATTENING {rms} RMS against the asset under {under}, {worst} worst vertex; {ringing}")
         });
-        let page = self.page.as_ref().map(|page| {
-            page.lines().into_iter().chain([format!("FIRST VIEW render {}", page.render)])
-        });
+        let page = self
+            .page
+            .as_ref()
+            .map(|page| page.lines().into_iter().chain([format!("FIRST VIEW render {}", page.render)]));
         [exposure, lightmap, flattening].into_iter().flatten().chain(page.into_iter().flatten()).collect()
     }
 }

@@ -29,7 +29,13 @@ fn chromium() -> Option<&'static str> {
 /// A picture of the page, drawn by the processor alone.
 fn screenshot(browser: &str, folder: &Folder, hash: &str) -> PngImage {
     let output = Command::new(browser)
-        .args(["--headless", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"])
+        .args([
+            "--headless",
+            "--no-sandbox",
+            "--use-gl=angle",
+            "--use-angle=swiftshader",
+            "--enable-unsafe-swiftshader",
+        ])
         .args(["--hide-scrollbars", "--force-device-scale-factor=1", "--window-size=500,600"])
         .arg(format!("--user-data-dir={}", folder.path("profile").display()))
         .arg(format!("--screenshot={}", folder.path("page.png").display()))
@@ -66,7 +72,8 @@ fn the_page_shows_what_render_does_wherever_the_light_is() {
     assert_eq!(folder.read("turn.html"), bytes, "the same on one thread");
     let Some(browser) = chromium() else { return };
     let first = page["render"].as_str().unwrap();
-    let turned = "--light directional:from=1,0.3,-0.4:irradiance=3,2.5,2 --view three-quarter --exposure 1 --background 0";
+    let turned =
+        "--light directional:from=1,0.3,-0.4:irradiance=3,2.5,2 --view three-quarter --exposure 1 --background 0";
     let camera = folder.run(&format!("render head.tlux {turned} --resolution {SIDE} -o b.png --json")).ok().json();
     let key = |name: &str| {
         let camera = camera["camera"].as_str().unwrap();
