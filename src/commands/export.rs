@@ -9,6 +9,7 @@ use super::console::{Console, in_range};
 use super::lights::{LightArgs, ResolvedLights, warn_of_places};
 use super::opening::{AssetArgs, Opened};
 use super::output;
+use super::page::PageArgs;
 use crate::asset::Provenance;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::exitance::Exitance;
@@ -43,9 +44,9 @@ pub(super) struct ExportArgs {
     asset: AssetArgs,
     #[command(flatten)]
     lights: LightArgs,
-    /// What engines get
+    /// What engines get; without it, -o FILE.html is a page
     #[arg(long = "as", value_name = "WHAT")]
-    kind: Kind,
+    kind: Option<Kind>,
     /// glTF file that the asset was made of: what is exported is added to its meshes, and all else in it stays. Without it a
     /// file is made of the asset's own mesh
     #[arg(long, value_name = "MODEL")]
@@ -58,7 +59,9 @@ pub(super) struct ExportArgs {
     /// Which attributes of vertices: those named in docs/export.md, or those that an engine's importer takes
     #[arg(long, default_value = "any")]
     engine: Engine,
-    /// GLB to write, and with --as lightmap OpenEXR (radiosity) and PNG (exposed); `-` for a GLB on standard output; repeatable
+    #[command(flatten)]
+    page: PageArgs,
+    /// GLB to write, a page (.html), and with --as lightmap OpenEXR (radiosity) and PNG (exposed); `-` for a GLB on standard output; repeatable
     #[arg(short, long, required = true, value_name = "FILE")]
     output: Vec<PathBuf>,
 }
@@ -74,16 +77,24 @@ enum Kind {
     Sh1,
     /// The same with band 2, 27 floats a vertex
     Sh2,
+    /// A page for browsers in one file, with a light that turns
+    Page,
 }
 
 impl Kind {
-    fn name(self) -> String {
-        self.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
+    fn name(self) -> &'static str {
+        match self {
+            Self::VertexColors => "vertex-colors",
+            Self::Lightmap => "lightmap",
+            Self::Sh1 => "sh1",
+            Self::Sh2 => "sh2",
+            Self::Page => "page",
+        }
     }
 
     fn order(self) -> Option<Order> {
         match self {
-            Self::VertexColors | Self::Lightmap => None,
+            Self::VertexColors | Self::Lightmap | Self::Page => None,
             Self::Sh1 => Some(Order::One),
             Self::Sh2 => Some(Order::Two),
         }
@@ -110,7 +121,7 @@ struct Exported {
 pub(super) fn run(args: &ExportArgs, console: &Console) -> Result<ExitCode> {
     args.check(console)?;
     let lights = args.lights.load(console)?;
-    let order = args.kind.order();
+    let order = args.kind().order();
     let coefficients = order.map(|_| coefficients(&lights)).transpose()?;
     let file = args.scene.as_deref().map(Document::read).transpose()?;
     let Opened { provenance, evaluator } = args.asset.open(console)?;
@@ -120,10 +131,13 @@ pub(super) fn run(args: &ExportArgs, console: &Console) -> Result<ExitCode> {
         console.note("single scattering depends on the eye here (g is not 0): it is in pictures, and not in this file");
     }
     let mut evaluator = Summed::of(evaluator);
+    if args.kind() == Kind::Page {
+        return args.write_page(evaluator.as_mut(), &provenance, lights, console);
+    }
     warn_of_places(evaluator.scene(), &lights.lights, evaluator.cost().samples, console);
     let mut exported = match (order, coefficients) {
         (Some(order), Some(coefficients)) => harmonics(evaluator.as_mut(), order, &lights, &coefficients, console)?,
-        _ if args.kind == Kind::Lightmap => args.lightmap(evaluator.as_mut(), &lights, console)?,
+        _ if args.kind() == Kind::Lightmap => args.lightmap(evaluator.as_mut(), &lights, console)?,
         _ => args.vertex_colours(evaluator.as_mut(), &lights, console)?,
     };
     if args.engine == Engine::Godot {
@@ -141,18 +155,34 @@ pub(super) fn run(args: &ExportArgs, console: &Console) -> Result<ExitCode> {
 impl ExportArgs {
     /// Refuses what does not go together, before any work.
     fn check(&self, console: &Console) -> Result<()> {
-        let is_map = self.kind == Kind::Lightmap;
-        output::check(&self.output, if is_map { &["glb", "exr", "png"] } else { &["glb"] }, console)?;
+        let is_map = self.kind() == Kind::Lightmap;
+        let suffixes: &[&str] = match self.kind() {
+            Kind::Lightmap => &["glb", "exr", "png"],
+            Kind::Page => &["html"],
+            Kind::VertexColors | Kind::Sh1 | Kind::Sh2 => &["glb"],
+        };
+        if self.kind.is_none() && self.kind() != Kind::Page {
+            let kinds: Vec<&str> = Kind::value_variants().iter().map(|kind| kind.name()).collect();
+            return Err(Error::command_line(format!("--as: say what is wanted, one of {}", kinds.join(", "))));
+        }
+        output::check(&self.output, suffixes, console)?;
+        self.page.check(self.kind() == Kind::Page)?;
         let misplaced = |option: &str, belongs: &str| {
-            Err(Error::command_line(format!("{option}: is of --as {belongs}, not of {}", self.kind.name())))
+            Err(Error::command_line(format!("{option}: is of --as {belongs}, not of {}", self.kind().name())))
         };
         match self {
-            Self { exposure: Some(_), .. } if self.kind.order().is_some() => {
-                misplaced("--exposure", "vertex-colors and lightmap")
+            Self { exposure: Some(_), .. } if self.kind().order().is_some() => {
+                misplaced("--exposure", "vertex-colors, lightmap and page")
             }
             Self { resolution: Some(_), .. } if !is_map => misplaced("--resolution", "lightmap"),
+            Self { engine: Engine::Godot, .. } if self.kind() == Kind::Page => {
+                misplaced("--engine", "vertex-colors and sh1")
+            }
+            Self { scene: Some(_), .. } if self.kind() == Kind::Page => {
+                misplaced("--scene", "the kinds that write a GLB")
+            }
             Self { engine: Engine::Godot, .. } if is_map => misplaced("--engine", "vertex-colors and sh1"),
-            Self { engine: Engine::Godot, kind: Kind::Sh2, .. } => Err(Error::unsupported(
+            Self { engine: Engine::Godot, kind: Some(Kind::Sh2), .. } => Err(Error::unsupported(
                 "--engine godot: the 27 floats of sh2 do not fit the 12 that Godot takes from a glTF file: --as sh1 has 12",
             )),
             Self { scene: Some(path), .. } if !self.output.iter().any(|path| is_glb(path)) => {
@@ -172,8 +202,39 @@ impl ExportArgs {
         )
     }
 
+    /// What was asked for, or follows from the names of the files.
+    fn kind(&self) -> Kind {
+        let of_names =
+            if self.output.iter().all(|path| suffix(path) == "html") { Kind::Page } else { Kind::VertexColors };
+        self.kind.unwrap_or(of_names)
+    }
+
     fn side(&self) -> u32 {
         self.resolution.unwrap_or(SIDE)
+    }
+
+    fn write_page(
+        &self,
+        evaluator: &mut dyn Evaluator,
+        provenance: &Provenance,
+        lights: ResolvedLights,
+        console: &Console,
+    ) -> Result<ExitCode> {
+        let (asset, exposure) = (self.asset.asset.as_path(), self.exposure.unwrap_or_default());
+        let (bytes, page) = self.page.make(
+            evaluator,
+            (asset, provenance),
+            (&lights, self.lights.light.is_empty()),
+            exposure,
+            console,
+        )?;
+        let nothing = Exported { data: None, exposed: None, map: None, flattening: None };
+        let mut report = self.report(&nothing, provenance, lights, evaluator.scene());
+        report.cost = evaluator.cost();
+        report.page = Some(page);
+        output::write(&self.output, console, || Ok(bytes))?;
+        report.lines().iter().for_each(|line| console.note(line));
+        console.report("export", &report)
     }
 
     fn exposed(&self, radiosity: &[DVec3], weights: &[f64]) -> Exposed {
@@ -236,7 +297,7 @@ impl ExportArgs {
         });
         ExportReport {
             method: provenance.method.clone(),
-            kind: self.kind.name(),
+            kind: self.kind().name().to_owned(),
             materials: scene.media.iter().map(|medium| medium.name.clone()).collect(),
             lights: lights.text,
             inputs: lights.inputs,
@@ -248,6 +309,7 @@ impl ExportArgs {
             exposure,
             lightmap,
             flattening: exported.flattening,
+            page: None,
             cost: crate::evaluate::Cost::default(),
         }
     }
@@ -278,7 +340,7 @@ impl ExportArgs {
             let content = fresh::Content {
                 data: exported.data.as_ref(),
                 map: exported.map.as_ref().zip(png.as_deref()).map(|((placed, ..), png)| (placed, png)),
-                is_lit: self.kind.order().is_none(),
+                is_lit: self.kind().order().is_none(),
                 extras: Some(&extras),
             };
             let document = match (file, &self.scene) {

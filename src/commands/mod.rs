@@ -27,6 +27,7 @@ mod model;
 mod on_mesh;
 mod opening;
 mod output;
+mod page;
 mod planning;
 mod rebuild;
 mod reference;

@@ -1,4 +1,5 @@
 //! Transport handed on to engines as glTF: radiosity as colours of vertices or as a light map, transfer as spherical harmonics.
+//! Beside them a page for browsers ([`page`]).
 //!
 //! A document is either made of the asset's mesh ([`fresh`]), or a file that is there, to which attributes are added ([`onto`]).
 
@@ -7,6 +8,7 @@ pub mod fresh;
 pub mod harmonics;
 pub mod lightmap;
 pub mod onto;
+pub mod page;
 mod raster;
 
 use serde_json::{Map, Value};

@@ -161,6 +161,11 @@ impl Camera {
         self.look_mm
     }
 
+    /// The direction that is up in the picture, as it was given.
+    pub fn up(&self) -> DVec3 {
+        self.up
+    }
+
     /// Unit vector of the viewing axis.
     pub fn forward(&self) -> DVec3 {
         self.forward

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::text::{percent, significant};
+use super::text::{megabytes, percent, significant};
 use crate::evaluate::Cost;
 use crate::export::harmonics::Flattening;
 use crate::import::file::Input;
@@ -16,7 +16,7 @@ use crate::render::frame::ExitanceAt;
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(crate) struct ExportReport {
     pub(crate) method: String,
-    /// What was written: `vertex-colors`, `lightmap`, `sh1` or `sh2`.
+    /// What was written: `vertex-colors`, `lightmap`, `sh1`, `sh2` or `page`.
     #[serde(rename = "as")]
     pub(crate) kind: String,
     /// Media of the asset.
@@ -45,7 +45,57 @@ pub(crate) struct ExportReport {
     /// Error of harmonics against the asset under the lights.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) flattening: Option<Flattening>,
+    /// The page, where there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) page: Option<PageReport>,
     pub(crate) cost: Cost,
+}
+
+/// A page with a light that turns.
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(crate) struct PageReport {
+    /// Bytes of the page.
+    pub(crate) bytes: usize,
+    /// Directions from which the asset was lit.
+    pub(crate) directions: usize,
+    /// Functions over the vertices, a byte each at every vertex.
+    pub(crate) functions: usize,
+    /// Errors against the asset, each channel's RMS over its RMS, the worst channel, weighted by area: the mean and the largest over
+    /// parallel lights that the page was not made of.
+    pub(crate) mean_rms: f64,
+    pub(crate) worst_rms: f64,
+    /// The worst vertex under any of these lights, in the same unit.
+    pub(crate) worst_vertex: f64,
+    /// Number of these lights.
+    pub(crate) probes: usize,
+    /// The same RMS under the first light alone, under light from everywhere, and under the lights that do not turn; none where it is dark.
+    pub(crate) first_rms: Option<f64>,
+    pub(crate) ambient_rms: Option<f64>,
+    pub(crate) fixed_rms: Option<f64>,
+    /// Light and camera of the first view as options of `render`.
+    pub(crate) render: String,
+}
+
+impl PageReport {
+    /// What the page loses, a line each.
+    pub(crate) fn lines(&self) -> Vec<String> {
+        let [mean, worst, vertex] = [self.mean_rms, self.worst_rms, self.worst_vertex].map(percent);
+        let others =
+            [("ambient", self.ambient_rms), ("the other lights", self.fixed_rms), ("the first light", self.first_rms)];
+        let others = others.into_iter().filter_map(|(name, rms)| Some(format!("; {name} {}", percent(rms?))));
+        vec![
+            format!(
+                "PAGE {} functions of {} directions, a byte each a vertex: {mean} RMS against the asset under parallel light ({worst} at worst of \
+                 {} lights that it was not made of, {vertex} worst vertex){}",
+                self.functions,
+                self.directions,
+                self.probes,
+                others.collect::<String>()
+            ),
+            format!("PAGE {}", megabytes(self.bytes as u64)),
+        ]
+    }
 }
 
 /// How radiosity became colours.
@@ -138,6 +188,10 @@ impl ExportReport {
             };
             format!("FLATTENING {rms} RMS against the asset under {under}, {worst} worst vertex; {ringing}")
         });
-        [exposure, lightmap, flattening].into_iter().flatten().collect()
+        let page = self
+            .page
+            .as_ref()
+            .map(|page| page.lines().into_iter().chain([format!("FIRST VIEW render {}", page.render)]));
+        [exposure, lightmap, flattening].into_iter().flatten().chain(page.into_iter().flatten()).collect()
     }
 }

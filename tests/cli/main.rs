@@ -20,6 +20,7 @@ mod inspect;
 mod light;
 mod option_files;
 mod output;
+mod page;
 mod pictures;
 mod plan;
 mod reader;
