@@ -73,7 +73,7 @@ enum Command {
     Render(render::RenderArgs),
     /// One picture of several materials, sizes and lights of a model, from one bake
     Sheet(sheet::SheetArgs),
-    /// Radiosity or transfer of an asset for engines, as glTF
+    /// Radiosity or transfer of an asset for engines, as glTF, or as a page with a light that turns
     Export(export::ExportArgs),
     /// Turn the lights of an asset in a window, or without one as pictures and timings
     Relight(relight::RelightArgs),

@@ -23,7 +23,7 @@ use crate::light::quantised::directions::DirectionSet;
 use crate::light::quantised::interpolation::{Interpolator, Scheme};
 use crate::math::cholesky::Cholesky;
 use crate::math::leading::leading_eigen;
-use crate::progress::Progress;
+use crate::progress::{Progress, Silent};
 use crate::render::normals::ShadingNormals;
 use crate::scene::Scene;
 
@@ -81,11 +81,14 @@ impl Turned {
         let set = DirectionSet::new(set.directions().iter().map(|d| d.as_vec3().as_dvec3().normalize()).collect())?;
         let areas = evaluator.scene().vertex_areas_mm2();
         let mut columns: Vec<Vec<f32>> = Vec::with_capacity(3 * directions);
+        progress.start("light from all around", directions as u64);
         for from in set.directions() {
-            evaluator.set_lights(vec![Light::Directional { from: *from, irradiance: DVec3::ONE }], progress)?;
-            let radiosity = evaluator.radiosity(progress)?;
+            evaluator.set_lights(vec![Light::Directional { from: *from, irradiance: DVec3::ONE }], &Silent)?;
+            let radiosity = evaluator.radiosity(&Silent)?;
+            progress.advance(1);
             columns.extend((0..3).map(|c| radiosity.iter().map(|b| b[c] as f32).collect::<Vec<f32>>()));
         }
+        progress.finish();
         if columns.iter().flatten().any(|value| !value.is_finite()) {
             return Err(Error::runtime("radiosity under parallel light is beyond single precision"));
         }
