@@ -37,6 +37,7 @@ pub(crate) mod sheet;
 pub mod sizes;
 pub(crate) mod text;
 pub(crate) mod trust;
+pub(crate) mod trust_picture;
 pub mod validation;
 
 use std::path::{Path, PathBuf};

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::exact::{Exact, Subject, Which};
-use super::map::{MOST_PAIRS, asked_rms, environment_is_stored};
+use super::map::{MOST_PAIRS, RESOLUTION, asked_rms, environment_is_stored, own_samples};
 use super::thickness::thickness;
 use crate::compress::ledger::{BESIDE_RADIOSITY, ENVIRONMENT_STAGES, Ledger, MODEL, TOGETHER};
 use crate::error::{Error, Result};
@@ -24,9 +24,6 @@ const BETWEEN: &str = "between vertices";
 
 /// Setting of assets with stored irradiance rows that more of lose less.
 const COEFFICIENTS: &str = "coefficients";
-
-/// Setting of assets whose samples of light are the texels of a texture.
-const RESOLUTION: &str = "resolution";
 
 /// A place of the surface that is looked at.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -147,7 +144,7 @@ pub fn blame(mut subject: Subject, lights: &[Light], place: Place, progress: &dy
     let scene = subject.evaluator.scene().clone();
     let (cost, asked) = (subject.evaluator.cost(), asked_rms(&subject));
     let samples = true_samples(&scene, asked, cost.samples);
-    let apart = (cost.receivers * cost.samples) as f64 * lights.len() as f64 <= MOST_PAIRS;
+    let apart = (cost.receivers * lights.len()) as f64 * own_samples(&subject) <= MOST_PAIRS;
     let stored = apart && environment_is_stored(&subject) && lights.iter().any(is_soft);
     let sums = sums(&mut subject, (lights, &place), (samples, apart, stored), progress)?;
     let unit = units(&sums.rms, &scene.vertex_areas_mm2());
@@ -270,7 +267,7 @@ impl Found {
         if self.error <= self.asked {
             return None;
         }
-        let settings = &subject.asset.provenance.settings;
+        let (settings, method) = (&subject.asset.provenance.settings, &subject.asset.provenance.method);
         let number = |key: &str| settings.get(key).and_then(|text| text.parse::<u64>().ok());
         let over = self.error / self.asked;
         let finer = format!("bake with --max-rms {}", two_digits(self.asked / over.max(2.0), f64::floor));
@@ -278,19 +275,19 @@ impl Found {
         let another = subject.asset.ledger.total_rms() > self.asked;
         Some(match dominant {
             SAMPLING if settings.contains_key(RESOLUTION) => match number(RESOLUTION) {
-                Some(texels) => format!("bake with --set {RESOLUTION}={}", texels.saturating_mul(2)),
-                None => format!("bake with a larger --set {RESOLUTION}=N than the automatic one"),
+                Some(texels) => format!("bake with --method {method} --set {RESOLUTION}={}", texels.saturating_mul(2)),
+                None => format!("bake with --method {method} and a larger --set {RESOLUTION}=N than the automatic one"),
             },
-            SAMPLING => format!("bake with {samples}"),
+            SAMPLING => format!("bake with --method {method} {samples}"),
             ENVIRONMENT => match number(COEFFICIENTS) {
-                Some(kept) => format!("bake with --set {COEFFICIENTS}={}", kept.saturating_mul(2)),
+                Some(kept) => format!("bake with --method {method} --set {COEFFICIENTS}={}", kept.saturating_mul(2)),
                 None => finer,
             },
             BETWEEN if subject.evaluator.prepare_points(&Silent).is_ok() => {
                 "render with --exitance pixels, or bake a finer mesh".to_owned()
             }
             BETWEEN => "bake a finer mesh".to_owned(),
-            JOINT => format!("{finer} and {samples}"),
+            JOINT => format!("{finer} --method {method} {samples}"),
             _ if another => format!(
                 "bake with --method auto --max-rms {}: the ledger of the asset is above that in all",
                 two_digits(self.asked, f64::floor)

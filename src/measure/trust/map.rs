@@ -25,6 +25,10 @@ const SHARE_OF_ASKED: f64 = 0.1;
 /// Error that an asset was asked for that does not say so.
 const ASKED: f64 = 0.01;
 
+/// Setting of assets whose samples of light are the texels of a texture, and the most of these along an edge where it does not say.
+pub(super) const RESOLUTION: &str = "resolution";
+const MOST_TEXELS: f64 = 2048.0;
+
 /// Triangles beyond which only every other probe light is tried.
 const MANY_TRIANGLES: usize = 50_000;
 
@@ -125,7 +129,7 @@ pub fn trust(mut subject: Subject, progress: &dyn Progress) -> Result<Trust> {
     } else {
         Far::Hierarchical { error: HIERARCHY_ERROR.min(SHARE_OF_ASKED * asked), bound: Bound::SolidAngle }
     };
-    let apart = all * cost.samples as f64 <= MOST_PAIRS;
+    let apart = all * own_samples(&subject) <= MOST_PAIRS;
     measure(subject, (lights, scene), (samples, far, apart), progress)
 }
 
@@ -235,6 +239,13 @@ impl Subject<'_> {
         let all_pairs = if with_pairs { self.evaluator.all_pairs(&Silent)? } else { Vec::new() };
         Ok(Served { radiosity, all_pairs })
     }
+}
+
+/// Samples that all pairs of an asset's own are over, at most: the texels of a texture, where it has one.
+pub(super) fn own_samples(subject: &Subject) -> f64 {
+    let side = subject.asset.provenance.settings.get(RESOLUTION);
+    let side = side.map(|text| text.parse::<u32>().map_or(MOST_TEXELS, f64::from));
+    side.map_or(subject.evaluator.cost().samples as f64, |side| side * side)
 }
 
 /// The error that was asked of an asset.

@@ -6,10 +6,12 @@ use glam::DVec3;
 use super::blame::{Place, blame};
 use super::exact::{Exact, Subject, Which};
 use super::map::{Trust, measure, trust};
+use super::thickness::thickness;
 use crate::asset::{Asset, Provenance};
 use crate::evaluate::exitance::MeshPoint;
 use crate::evaluate::{BakeSettings, Evaluator};
 use crate::forms::gathered::{Bound, Far};
+use crate::geometry::bvh::Bvh;
 use crate::geometry::mesh::{Mesh, Placement};
 use crate::geometry::part_table::PartTable;
 use crate::geometry::shapes;
@@ -104,7 +106,7 @@ const METHODS: [(&str, &[(&str, &str)]); 6] = [
     ("two_pass", &[]),
     ("editable", &[("transport", "stored")]),
     ("quantized_lights", &[]),
-    ("texture_space", &[]),
+    ("texture_space", &[("resolution", "128")]),
     ("filtered_normals", &[]),
 ];
 
@@ -163,8 +165,8 @@ fn every_column_is_what_its_name_says() {
 #[test]
 fn a_body_of_one_thickness_has_it_everywhere_but_at_its_rim() {
     let slab = scene(shapes::cuboid(DVec3::new(40.0, 4.0, 40.0), 8));
-    let bvh = crate::geometry::bvh::Bvh::new(&slab.mesh);
-    let depths = super::thickness::thickness(&slab, &bvh);
+    let bvh = Bvh::new(&slab.mesh);
+    let depths = thickness(&slab, &bvh);
     let longest = slab.media[0].properties.mean_free_path_mm().max_element();
     let inside = (0..depths.len()).filter(|&v| slab.mesh.local_mm[v].x.abs().max(slab.mesh.local_mm[v].z.abs()) < 19.0);
     let depths: Vec<f64> = inside.map(|v| depths[v] * longest).collect();
@@ -174,7 +176,9 @@ fn a_body_of_one_thickness_has_it_everywhere_but_at_its_rim() {
 #[test]
 fn stages_add_up_to_the_error_wherever_one_looks() {
     let light = [Light::Directional { from: DVec3::new(0.3, 0.8, 0.5).normalize(), irradiance: DVec3::splat(3.0) }];
-    for (method, given) in [("editable", &[][..]), ("quantized_lights", &[]), ("texture_space", &[])] {
+    for (method, given) in
+        [("editable", &[][..]), ("quantized_lights", &[]), ("texture_space", &[("resolution", "128")])]
+    {
         let asset = asset(method, given);
         let mut evaluator = opened(&asset);
         let at_vertex = Place::vertex(&asset.scene, 17).unwrap();
