@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::exact::{Exact, Subject, Which};
-use super::map::{MOST_PAIRS, RESOLUTION, asked_rms, environment_is_stored, own_samples};
+use super::map::{MOST_OWN_PAIRS, RESOLUTION, asked_rms, environment_is_stored, own_samples};
 use super::thickness::thickness;
 use crate::compress::ledger::{BESIDE_RADIOSITY, ENVIRONMENT_STAGES, Ledger, MODEL, TOGETHER};
 use crate::error::{Error, Result};
@@ -144,7 +144,7 @@ pub fn blame(mut subject: Subject, lights: &[Light], place: Place, progress: &dy
     let scene = subject.evaluator.scene().clone();
     let (cost, asked) = (subject.evaluator.cost(), asked_rms(&subject));
     let samples = true_samples(&scene, asked, cost.samples);
-    let apart = (cost.receivers * lights.len()) as f64 * own_samples(&subject) <= MOST_PAIRS;
+    let apart = (cost.receivers * lights.len()) as f64 * own_samples(&subject) <= MOST_OWN_PAIRS;
     let stored = apart && environment_is_stored(&subject) && lights.iter().any(is_soft);
     let sums = sums(&mut subject, (lights, &place), (samples, apart, stored), progress)?;
     let unit = units(&sums.rms, &scene.vertex_areas_mm2());

@@ -15,8 +15,11 @@ use crate::measure::probes::{Half, directional, environments, points};
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 
-/// Pairs of samples and vertices, of all lights together, up to which sums are over all pairs; beyond it they go through the hierarchy.
-pub(super) const MOST_PAIRS: f64 = 1e10;
+/// Pairs of samples and vertices, of all lights together, up to which exact sums are over all pairs; beyond it they go through the hierarchy.
+const MOST_PAIRS: f64 = 5e8;
+
+/// Pairs of the asset's own samples up to which its stages are told apart.
+pub(super) const MOST_OWN_PAIRS: f64 = 2e9;
 
 /// Error asked of that hierarchy, and its share of the error that was asked of the asset at most.
 const HIERARCHY_ERROR: f64 = 1e-3;
@@ -129,7 +132,7 @@ pub fn trust(mut subject: Subject, progress: &dyn Progress) -> Result<Trust> {
     } else {
         Far::Hierarchical { error: HIERARCHY_ERROR.min(SHARE_OF_ASKED * asked), bound: Bound::SolidAngle }
     };
-    let apart = all * own_samples(&subject) <= MOST_PAIRS;
+    let apart = all * own_samples(&subject) <= MOST_OWN_PAIRS;
     measure(subject, (lights, scene), (samples, far, apart), progress)
 }
 
