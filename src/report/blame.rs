@@ -32,7 +32,7 @@ impl fmt::Display for BlameReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Blame { stages, dominant, .. } = &self.blame;
         let triple = |values: [f64; 3]| values.map(significant).join(" ");
-        let shares = |values: [f64; 3]| values.map(|v| signed(v)).join(" ");
+        let shares = |values: [f64; 3]| values.map(signed).join(" ");
         let place = match (self.blame.vertex, self.pixel) {
             (Some(vertex), _) => format!("vertex {vertex}"),
             (None, Some([x, y])) => format!("pixel {x},{y} (triangle {})", self.blame.triangle),

@@ -35,8 +35,11 @@ const GAP: u32 = 6;
 /// Share of the places seen that have a colour of their own: the rest is as bright as the largest of them.
 const SHOWN: f64 = 0.995;
 
+/// A value of a vertex.
+type Of = fn(&VertexTrust) -> f64;
+
 /// Channels of the layer, and what they are of a vertex.
-const CHANNELS: [(&str, fn(&VertexTrust) -> f64); 6] = [
+const CHANNELS: [(&str, Of); 6] = [
     ("error", |v| v.error.max_element()),
     ("local", |v| v.local),
     ("worst", |v| v.worst),
@@ -58,7 +61,7 @@ impl TrustPicture {
     /// The map of an evaluator's asset through the middle of each pixel, linear between the vertices.
     pub(crate) fn new(trust: &Trust, evaluator: &dyn Evaluator, settings: &RenderSettings) -> Self {
         let points = centres(evaluator, settings);
-        let of = |value: fn(&VertexTrust) -> f64| {
+        let of = |value: Of| {
             let at = |point: &MeshPoint| -> f64 {
                 let corner = |v: u32| trust.vertices.get(v as usize).map_or(0.0, value);
                 point.vertices.iter().zip(point.barycentric).map(|(v, weight)| weight * corner(*v)).sum()
