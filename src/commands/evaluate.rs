@@ -12,13 +12,22 @@ use super::lights::{LightArgs, ResolvedLights, warn_of_places};
 use super::media::without_transport;
 use super::opening::AssetArgs;
 use super::{on_mesh, output};
+use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::{Evaluator, SingleScattering};
 use crate::measure::probes::by_stage;
+use crate::measure::trust::{Subject, Trust, trust};
 use crate::report::evaluation::{EvaluationReport, RadiosityReport, mean_and_max};
-use crate::report::radiosity_ply::{CALIBRATED, DIPOLE, SINGLE_INCLUDED, Single, comments, model_of, radiosity_ply};
+use crate::report::radiosity_ply::{
+    CALIBRATED, DIPOLE, SINGLE_INCLUDED, Single, comments, model_of, radiosity_ply_with,
+};
 use crate::report::text::{duration, percent};
+use crate::report::trust::{TrustReport, columns, comments as of_trust};
+
+/// What to do where the memory limit does not allow exact sums.
+pub(super) const TOO_MUCH: &str =
+    "the exact sums that errors are measured against take it; raise --max-memory, or measure a smaller asset";
 
 #[derive(Clone, Debug, Args)]
 pub(super) struct EvaluateArgs {
@@ -38,6 +47,9 @@ pub(super) struct EvaluateArgs {
     /// Measure the error and report it
     #[arg(long)]
     measure: bool,
+    /// Write where the asset is wrong beside the radiosity: columns trust_* with the error of each vertex under probe lights
+    #[arg(long)]
+    trust: bool,
 }
 
 /// Where radiosity goes, and what its error is held against.
@@ -49,26 +61,40 @@ pub(super) struct Radiosity<'a> {
     /// Whether the error is measured.
     pub(super) measure: bool,
     pub(super) asked_rms: Option<f64>,
+    /// Where the asset is wrong, if that is written beside it.
+    pub(super) trust: Option<Trust>,
 }
 
 pub(super) fn run(args: &EvaluateArgs, console: &Console) -> Result<ExitCode> {
     output::check(&args.output, &["ply"], console)?;
     let lights = args.lights.load(console)?;
-    let opened = args.asset.open(console)?;
     if let Some(model) = &args.on {
         if args.device != DeviceArg::Cpu {
             return Err(Error::unsupported("--on: other meshes are evaluated on the CPU; use --device cpu"));
         }
+        if args.trust {
+            return Err(Error::command_line("--trust: the map is of the asset's own vertices; leave out --on"));
+        }
         if args.measure {
             return Err(Error::command_line("--measure: with --on, errors of the other mesh are always measured"));
         }
+        let opened = args.asset.open(console)?;
         return on_mesh::run(model, opened.evaluator, &opened.provenance, (lights, &args.output), console);
     }
+    let (mut opened, asset) = args.asset.open_beside(console)?;
+    let trust = args.trust.then(|| map(&args.asset, &asset, opened.evaluator.as_mut(), console)).transpose()?;
+    drop(asset);
     let (provenance, asked_rms) = (opened.provenance.clone(), opened.asked_rms());
     let (method, model) = (provenance.method.as_str(), model_of(&provenance));
     let mut evaluator = args.device.place(opened.evaluator, console)?;
-    let wanted = Radiosity { method, model, outputs: &args.output, measure: args.measure, asked_rms };
+    let wanted = Radiosity { method, model, outputs: &args.output, measure: args.measure, asked_rms, trust };
     finish("evaluate", evaluator.as_mut(), lights, &wanted, console)
+}
+
+/// Measures where an asset is wrong, with the materials and the profile of the command line.
+pub(super) fn map(args: &AssetArgs, asset: &Asset, evaluator: &mut dyn Evaluator, console: &Console) -> Result<Trust> {
+    let admit = |more: u64| console.check_memory(more, TOO_MUCH);
+    trust(Subject { evaluator, asset, profile: args.loaded_profile()?, admit: &admit }, console)
 }
 
 /// Lights an evaluator, writes its radiosity, measures its error, and reports it all for a command.
@@ -76,9 +102,10 @@ pub(super) fn finish(
     command: &str,
     evaluator: &mut dyn Evaluator,
     lights: ResolvedLights,
-    &Radiosity { method, model, outputs, measure, asked_rms }: &Radiosity,
+    wanted: &Radiosity,
     console: &Console,
 ) -> Result<ExitCode> {
+    let &Radiosity { method, model, outputs, measure, asked_rms, ref trust } = wanted;
     warn_of_places(evaluator.scene(), &lights.lights, evaluator.cost().samples, console);
     evaluator.set_lights(lights.lights, console)?;
     let radiosity = evaluator.radiosity(console)?;
@@ -95,8 +122,12 @@ pub(super) fn finish(
         if evaluator.single_scattering_is() == SingleScattering::Included {
             comments.push(SINGLE_INCLUDED.to_owned());
         }
-        radiosity_ply(&scene.mesh, &radiosity, single.as_deref().map_or(Single::None, Single::Beside), comments)
+        comments.extend(trust.iter().flat_map(of_trust));
+        let single = single.as_deref().map_or(Single::None, Single::Beside);
+        radiosity_ply_with(&scene.mesh, (&radiosity, single), trust.as_ref().map(columns).unwrap_or_default(), comments)
     })?;
+    let trust = trust.as_ref().map(TrustReport::new);
+    trust.iter().for_each(|trust| console.note(&trust.line()));
     // Errors are relative to the radiosity: where that is black there is none to tell.
     let black = radiosity.iter().all(|b| *b == DVec3::ZERO);
     if black {
@@ -123,6 +154,7 @@ pub(super) fn finish(
         cost: evaluator.cost(),
         asked_rms,
         measured,
+        trust,
     };
     console.report(command, &report)?;
     verdict

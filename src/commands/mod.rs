@@ -2,6 +2,7 @@
 
 mod bake;
 mod baking;
+mod blame;
 mod caching;
 mod chart;
 mod compare;
@@ -81,6 +82,8 @@ enum Command {
     Reference(reference::ReferenceArgs),
     /// Sections, bytes, bytes per vertex, error ledger and provenance of an asset
     Inspect(inspect::InspectArgs),
+    /// The error of an asset at a vertex or a pixel, by stage, and what mends it
+    Blame(blame::BlameArgs),
     /// Everything that is wrong with an asset, as numbered findings
     Validate(validate::ValidateArgs),
     /// Speed against accuracy against size: every method at several settings, against one reference
@@ -262,6 +265,7 @@ fn run_command(cli: Cli, console: &Console, pool: rayon::ThreadPool) -> Result<E
         Command::Export(args) => export::run(&args, console),
         Command::Reference(args) => reference::run(&args, console),
         Command::Inspect(args) => inspect::run(&args, console),
+        Command::Blame(args) => blame::run(&args, console),
         Command::Validate(args) => validate::run(&args, console),
         Command::Chart(args) => chart::run(&args, console),
         Command::Compare(args) => compare::run(&args, console),

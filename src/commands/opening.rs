@@ -14,6 +14,7 @@ use crate::error::{Error, Result};
 use crate::evaluate::{Evaluator, Registry};
 use crate::import::materials::SceneMedia;
 use crate::medium::inversion::Reflector;
+use crate::medium::profiles::model::LoadedProfile;
 use crate::report::radiosity_ply::{DIPOLE, model_of};
 use crate::report::text::significant;
 
@@ -77,6 +78,12 @@ pub(super) fn within_memory(console: &Console) -> impl Fn(&Arc<Asset>, &Path) ->
 impl AssetArgs {
     /// Reads the asset and puts the materials in force.
     pub(super) fn open(&self, console: &Console) -> Result<Opened> {
+        // The asset goes, and with it what the evaluator has in another form.
+        self.open_beside(console).map(|(opened, _)| opened)
+    }
+
+    /// The same with the asset beside it, for whoever measures its error.
+    pub(super) fn open_beside(&self, console: &Console) -> Result<(Opened, Arc<Asset>)> {
         check_file(&self.asset, 1, console)?;
         let asset = Arc::new(console.stage("open", || self.read(&console.registry, &self.asset, console.budget()))?);
         let mut evaluator = within_memory(console)(&asset, &self.asset)?;
@@ -87,8 +94,12 @@ impl AssetArgs {
             tell(&looks, console);
         }
         self.profile.put(evaluator.as_mut())?;
-        // The asset goes, and with it what the evaluator has in another form.
-        Ok(Opened { provenance: asset.provenance.clone(), evaluator })
+        Ok((Opened { provenance: asset.provenance.clone(), evaluator }, asset))
+    }
+
+    /// The profile that was put in the dipole's place.
+    pub(super) fn loaded_profile(&self) -> Result<Option<LoadedProfile>> {
+        self.profile.is_given().then(|| self.profile.model()?.load()).transpose()
     }
 
     /// Reads an asset; the asset of these arguments is resized where another size is asked for.
@@ -121,7 +132,7 @@ impl AssetArgs {
         &self,
         registry: &Registry,
         path: &Path,
-        profile: Option<&crate::medium::profiles::model::LoadedProfile>,
+        profile: Option<&LoadedProfile>,
     ) -> Result<Box<dyn Evaluator>> {
         let mut evaluator = registry.open(Arc::new(self.read(registry, path, Budget::default())?))?;
         if let Some(profile) = profile {

@@ -2,10 +2,11 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, FromArgMatches};
+use clap::{Args, FromArgMatches, ValueEnum};
 use glam::DVec3;
 
 use super::console::Console;
+use super::evaluate::map;
 use super::lights::{LightArgs, ResolvedLights, warn_of_places};
 use super::opening::{AssetArgs, Opened};
 use super::output;
@@ -14,10 +15,11 @@ use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Evaluator;
 use crate::evaluate::exitance::Exitance;
 use crate::import::file::{Input, suffix};
+use crate::measure::trust::Trust;
 use crate::medium::look::parse_colour;
 use crate::render::camera::Resolution;
 use crate::render::exit::ExitFresnel;
-use crate::render::film::{ColourType, to_exr, to_toned_png};
+use crate::render::film::{ColourType, to_exr_with, to_toned_png};
 use crate::render::frame::{
     DEFAULT_OPAQUE, DEFAULT_SAMPLES_PER_PIXEL, ExitanceAt, Frame, Ground, MAX_SAMPLES_PER_PIXEL, RenderSettings, render,
 };
@@ -26,6 +28,8 @@ use crate::render::texture::Texture;
 use crate::render::tone::Tone;
 use crate::report::picture::RenderReport;
 use crate::report::text::{percent, significant};
+use crate::report::trust::TrustReport;
+use crate::report::trust_picture::TrustPicture;
 
 /// Share of hits on back sides above which a picture needs an explanation.
 const BACK_FACING_WARNING: f64 = 0.01;
@@ -42,6 +46,17 @@ pub(super) struct RenderArgs {
     /// repeatable
     #[arg(short, long, required = true, value_name = "FILE")]
     output: Vec<PathBuf>,
+    /// A further layer: trust, what is expected of the error of each place under probe lights. PNG then shows its false colours, with a
+    /// legend
+    #[arg(long, value_name = "LAYER")]
+    aov: Option<Aov>,
+}
+
+/// Layers that are made when they are asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Aov {
+    /// Where the asset is wrong
+    Trust,
 }
 
 /// How a picture is made.
@@ -86,6 +101,9 @@ pub(super) struct PictureArgs {
     /// Files that the asset was made from, for the header of OpenEXR pictures.
     #[arg(skip)]
     sources: Vec<Input>,
+    /// Where the asset is wrong, if that is shown.
+    #[arg(skip)]
+    trust: Option<Trust>,
 }
 
 pub(super) fn run(args: &RenderArgs, console: &Console) -> Result<ExitCode> {
@@ -94,8 +112,13 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> Result<ExitCode> {
     args.picture.view.specular()?;
     args.picture.view.camera()?;
     let lights = args.lights.load(console)?;
-    let Opened { provenance, mut evaluator } = args.asset.open(console)?;
-    let picture = PictureArgs { sources: provenance.origin.inputs.clone(), ..args.picture.clone() };
+    let (Opened { provenance, mut evaluator }, asset) = args.asset.open_beside(console)?;
+    let trust = match args.aov {
+        Some(Aov::Trust) => Some(map(&args.asset, &asset, evaluator.as_mut(), console)?),
+        None => None,
+    };
+    drop(asset);
+    let picture = PictureArgs { sources: provenance.origin.inputs.clone(), trust, ..args.picture.clone() };
     let (result, _) = finish(evaluator.as_mut(), &provenance.method, lights, &picture, &args.output, console)?;
     console.report("render", &result)
 }
@@ -182,13 +205,15 @@ pub(super) fn finish(
         coverage: frame.pixels.iter().map(|p| f64::from(p.coverage)).sum::<f64>() / frame.pixels.len() as f64,
         back_facing_share: frame.back_facing_share,
         cost: evaluator.cost(),
+        trust: picture.trust.as_ref().map(TrustReport::new),
         header: Vec::new(),
     };
     let image = texture.as_ref().and_then(Texture::path).map(Input::read).transpose()?;
     result.header = result.attributes(evaluator.scene(), &picture.sources, image.as_ref());
     result.inputs.extend(image);
     explain(&result, &frame, console);
-    write(&frame, &settings, &result, outputs, console)?;
+    let trust = picture.trust.as_ref().map(|trust| TrustPicture::new(trust, evaluator, &settings));
+    write((&frame, trust.as_ref()), &settings, &result, outputs, console)?;
     Ok((result, frame))
 }
 
@@ -214,6 +239,7 @@ fn cost_of_single(frame: &Frame, paths_per_pixel: u64) -> String {
 
 /// Prints notes and warnings about a picture that may not look as expected.
 fn explain(result: &RenderReport, frame: &Frame, console: &Console) {
+    result.trust.iter().for_each(|trust| console.note(&trust.line()));
     let (camera, factor, stops) = (&result.camera, result.exposure_factor, result.exposure_factor.log2());
     console.note(&format!("CAMERA {camera} | exposure {} (--exposure {stops:.2} keeps it)", significant(factor)));
     if result.coverage == 0.0 {
@@ -232,15 +258,22 @@ fn explain(result: &RenderReport, frame: &Frame, console: &Console) {
     }
 }
 
-/// Writes the picture in the format of each name; each format is encoded once.
+/// Writes the picture in the format of each name; each format is encoded once. With a map of where the asset is wrong OpenEXR has its
+/// layer, and PNG shows it.
 fn write(
-    frame: &Frame,
+    (frame, trust): (&Frame, Option<&TrustPicture>),
     settings: &RenderSettings,
     result: &RenderReport,
     outputs: &[PathBuf],
     console: &Console,
 ) -> Result<()> {
     let (png, exr): (Vec<&PathBuf>, Vec<&PathBuf>) = outputs.iter().partition(|path| suffix(path) == "png");
-    output::write(&exr, console, || to_exr(frame, result.exr_type, result.header.clone()))?;
-    output::write(&png, console, || to_toned_png(frame, (result.exposure_factor, result.tone), settings.background))
+    output::write(&exr, console, || {
+        let more = trust.map(TrustPicture::layer).into_iter().collect();
+        to_exr_with(frame, result.exr_type, result.header.clone(), more)
+    })?;
+    output::write(&png, console, || match trust {
+        Some(trust) => trust.to_png(),
+        None => to_toned_png(frame, (result.exposure_factor, result.tone), settings.background),
+    })
 }

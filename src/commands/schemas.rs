@@ -14,6 +14,7 @@ use crate::measure::growth::Growth;
 use crate::plan::Plan;
 use crate::relight::timings::Timings;
 use crate::report::Envelope;
+use crate::report::blame::BlameReport;
 use crate::report::comparison::Comparison;
 use crate::report::evaluation::{EvaluationReport, OnMeshReport, WalkReport};
 use crate::report::export::ExportReport;
@@ -113,6 +114,7 @@ fn documents() -> Vec<Document> {
         Document::report("export").body::<ExportReport>(),
         relight,
         Document::report("inspect").files::<Inspection>(),
+        Document::report("blame").body::<BlameReport>(),
         Document::report("validate").files::<Validation>(),
         Document::report("compare").files::<Comparison>(),
         Document::report("chart").body::<chart::ChartReport<'static>>().body::<chart::GrowthReport<'static>>(),

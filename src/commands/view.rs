@@ -15,10 +15,10 @@ use crate::render::specular::{DEFAULT_ROUGHNESS, Roughness};
 use crate::render::texture::Texture;
 use crate::render::texture::spec::{MarbleSpec, TextureSpec};
 
-/// How the object is seen.
-#[derive(Clone, Debug, Args)]
+/// From where the object is seen.
+#[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Picture")]
-pub(super) struct ViewArgs {
+pub(super) struct CameraArgs {
     /// Eye, target, up and vertical degrees, in mm, as at=0,8,75:look=0,0,0:up=0,1,0:fov=28; every key may be left out
     /// (default: the whole object from the front, slightly above)
     #[arg(long, value_name = "CAMERA")]
@@ -26,6 +26,14 @@ pub(super) struct ViewArgs {
     /// Side from which the whole object is seen, where --camera does not say at
     #[arg(long, value_name = "SIDE")]
     view: Option<View>,
+}
+
+/// How the object is seen.
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "Picture")]
+pub(super) struct ViewArgs {
+    #[command(flatten)]
+    camera: CameraArgs,
     /// Brightness of 8-bit colours: auto (the 99.5th percentile of the object becomes white, in the first frame) or stops
     #[arg(long, value_name = "auto|EV", default_value = "auto", allow_hyphen_values = true)]
     pub(super) exposure: Exposure,
@@ -76,6 +84,19 @@ pub(super) fn check_memory(resolution: Resolution, count: usize, console: &Conso
     console.check_memory(needed, &format!("--resolution {width}x{height} would fit, or raise --max-memory"))
 }
 
+impl CameraArgs {
+    /// The camera as it is typed.
+    pub(super) fn spec(&self) -> Result<CameraSpec> {
+        let camera = self.camera.unwrap_or_default();
+        match (self.view, camera.at_mm) {
+            (Some(_), Some(_)) => {
+                Err(Error::command_line("--view and at= of --camera both say from where: leave one out"))
+            }
+            (view, _) => Ok(CameraSpec { view: view.unwrap_or_default(), ..camera }),
+        }
+    }
+}
+
 impl ViewArgs {
     /// The settings of a picture of a mesh.
     pub(super) fn settings(&self, mesh: &Mesh, resolution: Resolution) -> Result<RenderSettings> {
@@ -86,13 +107,7 @@ impl ViewArgs {
 
     /// The camera as it is typed.
     pub(super) fn camera(&self) -> Result<CameraSpec> {
-        let camera = self.camera.unwrap_or_default();
-        match (self.view, camera.at_mm) {
-            (Some(_), Some(_)) => {
-                Err(Error::command_line("--view and at= of --camera both say from where: leave one out"))
-            }
-            (view, _) => Ok(CameraSpec { view: view.unwrap_or_default(), ..camera }),
-        }
+        self.camera.spec()
     }
 
     pub(super) fn specular(&self) -> Result<Specular> {

@@ -23,6 +23,8 @@ pub struct RadiosityPly {
     pub b: Vec<[f32; 3]>,
     /// Single scattering, linear RGB. Written as `s_r s_g s_b`.
     pub s: Option<Vec<[f32; 3]>>,
+    /// Further properties: a name and one value for each vertex. Written as `float` after the others, in this order.
+    pub columns: Vec<(&'static str, Vec<f32>)>,
     /// Triangles; without any, the file has no `face` element.
     pub triangles: Vec<[u32; 3]>,
     /// Comments of the header for people: material, light, unit.
@@ -64,7 +66,7 @@ impl PlyVertexTable {
 pub fn write_ply(ply: &RadiosityPly) -> Result<Vec<u8>> {
     check_radiosity(ply)?;
     let mut bytes = header_of(ply).into_bytes();
-    let row = 12 + 3 + 12 + if ply.s.is_some() { 12 } else { 0 };
+    let row = 12 + 3 + 12 + if ply.s.is_some() { 12 } else { 0 } + 4 * ply.columns.len();
     bytes.reserve(row * ply.positions.len() + 13 * ply.triangles.len());
     for (vertex, ((position, color), b)) in ply.positions.iter().zip(&ply.colors).zip(&ply.b).enumerate() {
         bytes.extend(position.iter().flat_map(|value| value.to_le_bytes()));
@@ -73,6 +75,7 @@ pub fn write_ply(ply: &RadiosityPly) -> Result<Vec<u8>> {
         if let Some(s) = &ply.s {
             bytes.extend(s[vertex].iter().flat_map(|value| value.to_le_bytes()));
         }
+        bytes.extend(ply.columns.iter().flat_map(|(_, values)| values[vertex].to_le_bytes()));
     }
     for triangle in &ply.triangles {
         bytes.push(3);
@@ -96,6 +99,9 @@ fn header_of(ply: &RadiosityPly) -> String {
             text += &format!("property {kind} {name}\n");
         }
     }
+    for (name, _) in &ply.columns {
+        text += &format!("property float {name}\n");
+    }
     if !ply.triangles.is_empty() {
         text += &format!("element face {}\nproperty list uchar int vertex_indices\n", ply.triangles.len());
     }
@@ -114,6 +120,14 @@ fn check_radiosity(ply: &RadiosityPly) -> Result<()> {
     for (what, values) in [("position", &ply.positions), ("radiosity", &ply.b), ("single scattering", s)] {
         if let Some(vertex) = values.iter().position(|value| !value.iter().all(|v| v.is_finite())) {
             return Err(Error::runtime(format!("PLY: the {what} of vertex {vertex} is not finite")));
+        }
+    }
+    for (name, values) in &ply.columns {
+        if values.len() != n {
+            return Err(Error::runtime(format!("PLY: {n} positions, {} values of `{name}`", values.len())));
+        }
+        if let Some(vertex) = values.iter().position(|value| !value.is_finite()) {
+            return Err(Error::runtime(format!("PLY: `{name}` of vertex {vertex} is not finite")));
         }
     }
     // Indices are written as the signed 32-bit type that every reader knows.

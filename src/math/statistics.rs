@@ -161,7 +161,7 @@ pub fn relative_errors(values: &[DVec3], reference: &[DVec3], weights: &[f64]) -
 }
 
 /// Unit of the errors of each channel: its RMS, or [`CHANNEL_FLOOR`] of that of the brightest channel if larger.
-fn units(reference: &[DVec3], weights: &[f64]) -> DVec3 {
+pub(crate) fn units(reference: &[DVec3], weights: &[f64]) -> DVec3 {
     let squares: DVec3 = reference.iter().zip(weights).map(|(b, w)| *w * (*b * *b)).sum();
     units_of((squares / weights.iter().sum::<f64>().max(f64::MIN_POSITIVE)).map(f64::sqrt))
 }

@@ -29,7 +29,7 @@ const LIGHTS: usize = 2;
 const GROUP: usize = 4;
 
 /// Weights of a triangle's corners at its centroid and at the middles of its edges.
-const PLACES: [[f64; 3]; 4] = [[1.0 / 3.0; 3], [0.5, 0.5, 0.0], [0.0, 0.5, 0.5], [0.5, 0.0, 0.5]];
+pub(super) const PLACES: [[f64; 3]; 4] = [[1.0 / 3.0; 3], [0.5, 0.5, 0.0], [0.0, 0.5, 0.5], [0.5, 0.0, 0.5]];
 
 /// Error at centroids and mid-edges of the translucent parts under a few probe lights, relative to the RMS there; zero
 /// where nothing transfers light.

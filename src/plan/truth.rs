@@ -5,39 +5,24 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use translux_format::RawSection;
-use translux_format::calibration;
 
 use crate::asset::{Asset, Provenance};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::evaluate::exitance::MeshPoint;
 use crate::evaluate::{BakeSettings, Evaluator, Form, Model, ModelWalks};
-use crate::forms::density::Density;
 use crate::forms::gathered::{Bound, Far, Gathered};
 use crate::geometry::samples::Samples;
 use crate::light::{Light, LightKind};
 use crate::math::statistics::{VertexError, vertex_error};
+use crate::measure::exact_sums::{
+    ALL_PAIRS, FINER_BEYOND, MOST_SAMPLES, TRUE_RAYS, is_soft, true_samples, under_soft_light,
+};
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::irradiance::LightSampling;
 use crate::transport::near_rule::NearField;
 use crate::transport::receivers::Receivers;
-
-/// Samples of the truth under sharp lights for an error of 1 %; more for smaller ones.
-const SAMPLES: usize = 1 << 15;
-const MOST_SAMPLES: usize = 1 << 20;
-
-/// Samples of the truth over those of what is judged, up to a number of the latter, and beyond it. The error of samples that are not
-/// clusters of triangles goes with their inverse number, so that twice as many tell half of it at least.
-const FINER: usize = 4;
-const FINER_UP_TO: usize = 1 << 16;
-const FINER_BEYOND: usize = 2;
-
-/// Soft light varies less from sample to sample, and costs many rays of each: fewer samples, unless there are many triangles, and so
-/// many rays in all.
-const FEWER_UNDER_SOFT_LIGHT: usize = 4;
-const SOFT_RAYS: usize = 1 << 24;
-const SOFT_DIRECTIONS: std::ops::RangeInclusive<u32> = 64..=512;
 
 /// Error of clusters of triangles under soft light over that under sharp light, at most, where it is not measured: 6 on bunny_closed under an
 /// area light, 1.5 on horse.
@@ -46,31 +31,6 @@ const CLUSTERS_UNDER_SOFT_LIGHT: f64 = 3.0;
 /// Samples beyond which the error of soft light costs too much to measure: that of samples which are no clusters of triangles falls, with their
 /// inverse number, of which the root is counted.
 const MOST_UNDER_SOFT_LIGHT: usize = 1 << 13;
-
-/// Rays of the truth: twice as fine as what assets are baked for.
-const TRUE_RAYS: LightSampling = LightSampling { points_per_patch: 8, directions: 512, area_side: 12 };
-
-/// Its near field: errors of 4e-4, worst receiver of a plane, that of [`NearField::FAST`] over the squared ratio of the distances.
-const TRUE_NEAR: NearField = NearField { exact_below: 4.5, three_points_below: 9.0 };
-
-/// Samples of the truth under soft light, and its rays.
-fn under_soft_light(scene: &Scene, samples: usize) -> (usize, LightSampling) {
-    let samples = samples.div_ceil(FEWER_UNDER_SOFT_LIGHT).max(samples.min(2 * scene.mesh.triangles.len()));
-    let rays = TRUE_RAYS.with_directions_of_all(SOFT_RAYS, samples, SOFT_DIRECTIONS);
-    (samples, LightSampling { area_side: rays.directions.isqrt().clamp(8, 12), ..rays })
-}
-
-/// Rays of a kind of light that are as few as scattering forgives.
-fn is_soft(light: &Light) -> bool {
-    !light.is_sharp()
-}
-
-/// Number of samples of the truth that judges that many samples, for an error that is asked for.
-pub(super) fn true_samples(scene: &Scene, max_rms: f64, judged: usize) -> usize {
-    let by_error = SAMPLES as f64 * (0.01 / max_rms).clamp(0.5, 16.0);
-    let finer = if judged <= FINER_UP_TO { FINER * judged } else { FINER_BEYOND * judged };
-    (by_error as usize).max(finer).max(FINER_BEYOND * scene.mesh.triangles.len()).min(MOST_SAMPLES)
-}
 
 /// Number of samples whose error a choice must be able to tell: a few for each triangle.
 pub(super) fn judged_by_a_choice(scene: &Scene, model: Model) -> usize {
@@ -161,19 +121,6 @@ impl Places {
     }
 }
 
-/// Sums over all pairs, as the truth has them.
-const ALL_PAIRS: Gathered = Gathered {
-    density: Density { spacing: 1.0, least: 1, most: u32::MAX },
-    sampling: TRUE_RAYS,
-    near: TRUE_NEAR,
-    far: Far::AllPairs,
-    group: 64,
-    nets: None,
-    environment: None,
-    single: None,
-    outside: None,
-};
-
 /// Sums through the hierarchy, as good as tells the error of a model: means over 256 places, a few percent off.
 const OF_A_MODEL: Gathered = Gathered {
     sampling: LightSampling::FAST,
@@ -238,12 +185,6 @@ impl Inside {
         };
         Ok(Self { kernels, walks, error })
     }
-}
-
-/// Sections of calibrated kernels of an asset; none where it has the dipole's.
-pub(super) fn kernels(asset: &Asset) -> Vec<RawSection> {
-    let is_kernel = |section: &&RawSection| calibration::tags::ALL.contains(&section.tag);
-    asset.sections.iter().filter(is_kernel).cloned().collect()
 }
 
 /// Exact sums over all pairs at any place, made for the lights that are asked for.

@@ -236,6 +236,19 @@ impl ColourType {
 /// # Errors
 /// As [`ExrImage::encode`].
 pub fn to_exr(frame: &Frame, colours: ColourType, attributes: Vec<(String, String)>) -> Result<Vec<u8>> {
+    to_exr_with(frame, colours, attributes, Vec::new())
+}
+
+/// [`to_exr`] with further layers, which have a sample for each pixel.
+///
+/// # Errors
+/// As [`ExrImage::encode`].
+pub fn to_exr_with(
+    frame: &Frame,
+    colours: ColourType,
+    attributes: Vec<(String, String)>,
+    more: Vec<ExrLayer>,
+) -> Result<Vec<u8>> {
     let channel = |name: &str, kind: SampleKind, value: &dyn Fn(&Pixel) -> f32| ExrChannel {
         name: name.to_owned(),
         kind,
@@ -275,6 +288,7 @@ pub fn to_exr(frame: &Frame, colours: ColourType, attributes: Vec<(String, Strin
         layer("coverage", vec![channel("A", SampleKind::Float, &|p| p.coverage)]),
         layer("part", vec![channel("ID", SampleKind::Whole, &|p| p.part as f32)]),
     ]);
+    layers.extend(more);
     let Resolution { width, height } = frame.resolution;
     ExrImage { width, height, layers, attributes }.encode()
 }

@@ -5,6 +5,7 @@ pub mod background;
 pub mod blinn_phong;
 pub mod camera;
 pub mod camera_text;
+pub mod centres;
 pub mod exit;
 pub(crate) mod eye;
 pub mod film;

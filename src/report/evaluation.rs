@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use glam::DVec3;
 use serde::Serialize;
 
+use super::trust::TrustReport;
 use crate::compress::ledger::Ledger;
 use crate::evaluate::Cost;
 use crate::import::file::Input;
@@ -66,6 +67,9 @@ pub(crate) struct EvaluationReport {
     pub(crate) asked_rms: Option<f64>,
     /// Errors under these lights and others; empty where they were not asked for.
     pub(crate) measured: Ledger,
+    /// The map of where the asset is wrong; left out where it was not asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) trust: Option<TrustReport>,
 }
 
 /// Report of an asset's object on another mesh.

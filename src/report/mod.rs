@@ -20,6 +20,7 @@
 //! ```
 
 pub(crate) mod bake;
+pub(crate) mod blame;
 pub(crate) mod chart;
 pub mod comparison;
 pub(crate) mod evaluation;
@@ -35,6 +36,8 @@ pub(crate) mod radiosity_ply;
 pub(crate) mod sheet;
 pub mod sizes;
 pub(crate) mod text;
+pub(crate) mod trust;
+pub(crate) mod trust_picture;
 pub mod validation;
 
 use std::path::{Path, PathBuf};

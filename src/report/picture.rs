@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
+use super::trust::TrustReport;
 use crate::evaluate::Cost;
 use crate::geometry::part_table::PartEntry;
 use crate::import::file::Input;
@@ -59,6 +60,9 @@ pub(crate) struct RenderReport {
     /// Share of the hits on back sides, which are black.
     pub(crate) back_facing_share: f64,
     pub(crate) cost: Cost,
+    /// The map of where the asset is wrong; left out where it was not asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) trust: Option<TrustReport>,
     /// Text attributes of OpenEXR pictures.
     #[serde(skip)]
     pub(crate) header: Vec<(String, String)>,

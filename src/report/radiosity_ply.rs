@@ -52,6 +52,16 @@ pub(crate) fn radiosity_ply(
     single: Single,
     comments: Vec<String>,
 ) -> Result<Vec<u8>> {
+    radiosity_ply_with(mesh, (radiosity, single), Vec::new(), comments)
+}
+
+/// The same with further columns, one value for each vertex.
+pub(crate) fn radiosity_ply_with(
+    mesh: &Mesh,
+    (radiosity, single): (&[DVec3], Single),
+    columns: Vec<(&'static str, Vec<f32>)>,
+    comments: Vec<String>,
+) -> Result<Vec<u8>> {
     check_range("radiosity", radiosity)?;
     let narrow = |values: &[DVec3]| -> Vec<[f32; 3]> { values.iter().map(|v| v.as_vec3().to_array()).collect() };
     let (colors, s) = match single {
@@ -67,6 +77,7 @@ pub(crate) fn radiosity_ply(
         colors,
         b: narrow(radiosity),
         s,
+        columns,
         triangles: mesh.triangles.clone(),
         comments,
     })

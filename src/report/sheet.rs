@@ -150,12 +150,12 @@ impl Sheet {
 }
 
 /// Letters that a line of a width takes between its margins.
-fn letters_in(width: u32) -> usize {
+pub(super) fn letters_in(width: u32) -> usize {
     (width.saturating_sub(2 * GAP) * 5 / (3 * LETTER)) as usize
 }
 
 /// A text in lines of at most so many letters, cut at its spaces; words that are longer have a line each.
-fn wrapped(text: &str, letters: usize) -> Vec<String> {
+pub(super) fn wrapped(text: &str, letters: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split(' ') {
         let last = lines.len() - 1;

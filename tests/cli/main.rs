@@ -28,4 +28,5 @@ mod relight;
 mod revisions;
 mod schemas;
 mod size_and_mesh;
+mod trust;
 mod validate;

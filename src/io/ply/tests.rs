@@ -10,6 +10,7 @@ fn example(with_s: bool) -> RadiosityPly {
         colors: (0..5).map(|i| [i * 50, 255, 10]).collect(),
         b: values(0.25),
         s: with_s.then(|| values(0.5)),
+        columns: vec![("trust_r", (0..5).map(|i| i as f32 * 0.125).collect())],
         triangles: vec![[0, 1, 2], [2, 3, 4]],
         comments: vec!["material marble".to_owned(), "light env:path=\n\u{7}caf\u{e9}.hdr\r\n".to_owned()],
     }
@@ -36,13 +37,14 @@ fn what_is_written_reads_back() {
             assert_eq!(bytes, write_ply(&ply.clone()).unwrap());
             let table = parse_ply(&bytes, "a.ply").unwrap();
             assert_eq!(table.vertex_count, 5);
-            assert_eq!(table.columns.len(), if with_s { 12 } else { 9 });
+            assert_eq!(table.columns.len(), if with_s { 13 } else { 10 });
             assert_eq!(table.comments, ["material marble", "light env:path=", "caf\u{e9}.hdr"]);
             let wide = |values: &[[f32; 3]]| values.iter().map(|v| v.map(f64::from)).collect::<Vec<_>>();
             assert_eq!(table.triples(["x", "y", "z"]).unwrap(), wide(&ply.positions));
             assert_eq!(table.triples(["b_r", "b_g", "b_b"]).unwrap(), wide(&ply.b));
             assert_eq!(table.triples(["s_r", "s_g", "s_b"]), ply.s.as_deref().map(wide));
             assert_eq!(table.column("red").unwrap(), [0.0, 50.0, 100.0, 150.0, 200.0]);
+            assert_eq!(table.column("trust_r").unwrap(), [0.0, 0.125, 0.25, 0.375, 0.5]);
             assert_eq!(table.column("alpha"), None);
         }
     }
@@ -70,7 +72,9 @@ fn the_layout_is_fixed() {
 
 #[test]
 fn inconsistent_results_are_not_written() {
-    let breakages: [fn(&mut RadiosityPly); 7] = [
+    let breakages: [fn(&mut RadiosityPly); 9] = [
+        |ply| ply.columns[0].1[2] = f32::NAN,
+        |ply| ply.columns[0].1.truncate(4),
         |ply| ply.b[3][1] = f32::NAN,
         |ply| ply.positions[0][2] = f32::INFINITY,
         |ply| ply.s.as_mut().unwrap()[4][0] = f32::NAN,
