@@ -103,8 +103,8 @@ fn bodies_behind_bodies_and_cores_are_dark_and_nothing_is_added_unasked() {
     let lamp = Light::area(DVec3::new(0.0, 0.0, -50.0), DVec3::Z, [4000.0; 2], DVec3::ONE, None).unwrap();
     let [behind, _] = slab(1.3, 2.0, 1.0);
     // One part of two panes, with the lamp between them and behind both.
-    assert_near(&seen(&body(wall(-100.0), 1.3), &[lamp.clone()], from), behind, "lamp between");
-    assert_near(&seen(&body(wall(-20.0), 1.3), &[lamp.clone()], from), DVec3::ZERO, "lamp behind");
+    assert_near(&seen(&body(wall(-100.0), 1.3), std::slice::from_ref(&lamp), from), behind, "lamp between");
+    assert_near(&seen(&body(wall(-20.0), 1.3), std::slice::from_ref(&lamp), from), DVec3::ZERO, "lamp behind");
     // An opaque core in the pane.
     let mut cored =
         body(compose(&[(pane(), DVec3::ZERO), (cuboid(DVec3::new(3000.0, 3000.0, 0.5), 1), DVec3::ZERO)]), 1.3);
