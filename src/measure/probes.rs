@@ -52,6 +52,23 @@ pub fn points(mesh: &Mesh, half: Half) -> Vec<Light> {
         .collect()
 }
 
+/// Point lights that neither half has: towards the faces and the edges of the same cube, at 1.6 and 3 bounding radii in turn, with the
+/// irradiance of 1 at the centre. Corners of one half are the opposite of those of the other, so that what errs near them tells little.
+pub fn points_between(mesh: &Mesh) -> Vec<Light> {
+    const RADII: [f64; 2] = [1.6, 3.0];
+    let radius = 0.5 * mesh.diagonal_mm();
+    let of = |i: i32| DVec3::new(f64::from(i % 3 - 1), f64::from(i / 3 % 3 - 1), f64::from(i / 9 - 1));
+    (0..27)
+        .map(|i| (i, of(i)))
+        .filter(|(_, towards)| (0.5..2.5).contains(&towards.length_squared()))
+        .map(|(i, towards)| {
+            let distance = radius * RADII[usize::from(i % 2 == 0)];
+            let at_mm = mesh.origin_mm + towards.normalize() * distance;
+            Light::Point { at_mm, intensity: DVec3::splat(distance * distance) }
+        })
+        .collect()
+}
+
 /// A few lights of the half for figures: two directions and a point.
 pub fn unseen(mesh: &Mesh) -> Vec<Light> {
     let directions = directional(Half::Figures).into_iter().step_by(DIRECTIONS / 4);

@@ -77,7 +77,7 @@ pub(crate) fn columns(trust: &Trust) -> Vec<(&'static str, Vec<f32>)> {
 /// Comments of a file with these columns.
 pub(crate) fn comments(trust: &Trust) -> Vec<String> {
     let mut lines = vec![
-        "trust_r, _g, _b: RMS over the lights below of the error against exact sums, over the RMS of the radiosity"
+        "trust_r, _g, _b: mean over the lights below of the absolute error against exact sums, over the RMS of the radiosity"
             .to_owned(),
         "trust_local: the same over the radiosity of the vertex; trust_worst: the largest; trust_light: of which light"
             .to_owned(),

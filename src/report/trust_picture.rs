@@ -109,7 +109,7 @@ impl TrustPicture {
         let top = self.top();
         let failed = |e: &dyn std::fmt::Display| Error::runtime(format!("legend: {e}"));
         let text = format!(
-            "Expected error of the radiosity, worst channel, over its RMS on the surface: root mean square over {} lights. Cyan: cut off at 0.",
+            "Expected error of the radiosity, worst channel, over its RMS on the surface: mean over {} lights. Cyan: cut off at 0.",
             self.lights
         );
         let wide = u32::try_from(width).map_err(|e| failed(&e))?;

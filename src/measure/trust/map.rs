@@ -11,7 +11,7 @@ use crate::forms::gathered::{Bound, Far};
 use crate::light::{Light, LightKind};
 use crate::math::statistics::{VertexError, units, vertex_error};
 use crate::measure::exact_sums::{is_soft, true_samples};
-use crate::measure::probes::{Half, directional, environments, points};
+use crate::measure::probes::{Half, directional, environments, points, points_between};
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 
@@ -48,9 +48,9 @@ const CLAMPED_ABOVE: f64 = 1e-6;
 /// local one.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct VertexTrust {
-    /// Root mean square of the error over the lights, RGB.
+    /// Mean over the lights of the absolute error, RGB.
     pub error: DVec3,
-    /// The same, relative to the root mean square of the vertex's own exact radiosity; the worst channel.
+    /// The same, relative to the mean of the vertex's own exact radiosity; the worst channel.
     pub local: f64,
     /// Largest error, of any channel, under any of the lights.
     pub worst: f64,
@@ -66,7 +66,7 @@ pub struct VertexTrust {
     pub thickness: f64,
 }
 
-/// Errors of the stages at a vertex, each as a root mean square over the lights of the worst channel.
+/// Errors of the stages at a vertex, each as the mean over the lights of its absolute value, the worst channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Stages {
     /// All pairs of the asset's own samples against the truth.
@@ -91,7 +91,7 @@ pub struct Sums {
 /// The map of an asset.
 #[derive(Clone, Debug)]
 pub struct Trust {
-    /// Lights that were tried: those of the tuning half that the asset is made for.
+    /// Lights that were tried, none of the half for figures: those that the asset is made for and serves.
     pub lights: Vec<Light>,
     /// One entry for each source vertex; zeros for those without transferring area.
     pub vertices: Vec<VertexTrust>,
@@ -105,9 +105,10 @@ pub struct Trust {
     pub total: VertexError,
 }
 
-/// Squares of a vertex, summed over lights, RGB.
+/// Absolute errors and exact radiosity of a vertex, summed over lights, RGB. Sums of squares tell less of other lights, since one that errs
+/// much at a place hides the rest: rank correlations of 0.83 in place of 0.93 (`two_pass` on suzanne).
 #[derive(Clone, Copy, Default)]
-struct Squares {
+struct Absolute {
     error: DVec3,
     exact: DVec3,
     sampling: DVec3,
@@ -120,8 +121,7 @@ struct Squares {
 /// # Errors
 /// Failures of the work; `Unsupported` where the asset serves none of the lights.
 pub fn trust(mut subject: Subject, progress: &dyn Progress) -> Result<Trust> {
-    let lights = made_for(&subject);
-    let lights = only_served(&mut subject, lights)?;
+    let lights = probe_lights(&mut subject)?;
     let cost = subject.evaluator.cost();
     let asked = asked_rms(&subject);
     let scene = subject.evaluator.scene().clone();
@@ -147,7 +147,7 @@ pub(super) fn measure(
     let mut own = environment_is_stored(&subject).then(|| Exact::new(&subject, Which::Own, Far::AllPairs));
     let areas = scene.vertex_areas_mm2();
     let count = areas.len();
-    let (mut vertices, mut squares) = (vec![VertexTrust::default(); count], vec![Squares::default(); count]);
+    let (mut vertices, mut sums) = (vec![VertexTrust::default(); count], vec![Absolute::default(); count]);
     let mut between = Between::new(&scene);
     let between_each = lights.iter().filter(|light| !is_soft(light)).count().div_ceil(LIGHTS_BETWEEN).max(1);
     let (mut total, mut own_error) = (VertexError::default(), 0.0);
@@ -177,10 +177,10 @@ pub(super) fn measure(
             if *area <= 0.0 {
                 continue;
             }
-            let (b, t, square, vertex) = (served.radiosity[v], truth[v], &mut squares[v], &mut vertices[v]);
+            let (b, t, sum, vertex) = (served.radiosity[v], truth[v], &mut sums[v], &mut vertices[v]);
             let error = ((b - t) / unit).abs();
-            square.error += error * error;
-            square.exact += (t / unit) * (t / unit);
+            sum.error += error;
+            sum.exact += t / unit;
             vertex.clamped |= (0..3).any(|c| b[c] == 0.0 && t[c] > CLAMPED_ABOVE * unit[c]);
             let worst = error.max_element();
             if worst > vertex.worst {
@@ -189,9 +189,9 @@ pub(super) fn measure(
             }
             if let Some(pairs) = served.all_pairs.get(v) {
                 let sampled = by_rays.as_ref().map_or(*pairs, |rays| rays[v]);
-                square.sampling += ((sampled - t) / unit).powf(2.0);
-                square.environment += ((*pairs - sampled) / unit).powf(2.0);
-                square.transport += ((b - *pairs) / unit).powf(2.0);
+                sum.sampling += ((sampled - t) / unit).abs();
+                sum.environment += ((*pairs - sampled) / unit).abs();
+                sum.transport += ((b - *pairs) / unit).abs();
             }
         }
         progress.advance(1);
@@ -200,17 +200,17 @@ pub(super) fn measure(
     let between = between.at_vertices();
     let n = lights.len().max(1) as f64;
     for (v, vertex) in vertices.iter_mut().enumerate().filter(|(v, _)| areas[*v] > 0.0) {
-        let Squares { error, exact, .. } = squares[v];
-        vertex.error = (error / n).map(f64::sqrt);
-        vertex.local = (error / exact.max(DVec3::splat(n * LOCAL_FLOOR * LOCAL_FLOOR))).max_element().sqrt();
+        let Absolute { error, exact, .. } = sums[v];
+        vertex.error = error / n;
+        vertex.local = (error / exact.max(DVec3::splat(n * LOCAL_FLOOR))).max_element();
         (vertex.between, vertex.thickness) = (between[v], depths[v]);
     }
     progress.finish();
-    let root = |sum: DVec3| (sum / n).max_element().sqrt();
-    let stages = |square: &Squares| Stages {
-        sampling: root(square.sampling),
-        environment: root(square.environment),
-        transport: root(square.transport),
+    let mean = |sum: DVec3| (sum / n).max_element();
+    let stages = |sum: &Absolute| Stages {
+        sampling: mean(sum.sampling),
+        environment: mean(sum.environment),
+        transport: mean(sum.transport),
     };
     let hierarchy = match far {
         Far::AllPairs => None,
@@ -219,7 +219,7 @@ pub(super) fn measure(
     Ok(Trust {
         lights,
         vertices,
-        stages: apart.then(|| squares.iter().map(stages).collect()),
+        stages: apart.then(|| sums.iter().map(stages).collect()),
         stores_environment: own.is_some(),
         sums: Sums { samples, hierarchy, error: own_error },
         total,
@@ -263,14 +263,21 @@ pub(super) fn environment_is_stored(subject: &Subject) -> bool {
     !subject.asset.samples.is_empty() && entries.iter().any(|e| ENVIRONMENT_STAGES.contains(&e.stage.as_str()))
 }
 
-/// Probe lights of the tuning half of the kinds that an asset is made for.
+/// The lights that a map is made under.
+pub(super) fn probe_lights(subject: &mut Subject) -> Result<Vec<Light>> {
+    let lights = made_for(subject);
+    only_served(subject, lights)
+}
+
+/// Probe lights of the tuning half, and points that neither half has, of the kinds that an asset is made for.
 fn made_for(subject: &Subject) -> Vec<Light> {
     let mesh = &subject.evaluator.scene().mesh;
     let kinds = subject.asset.provenance.settings.get("for-lights").map_or("", String::as_str);
     let asked = |kind: LightKind| kinds.is_empty() || kinds.split(',').any(|name| name == kind.name());
     let each = if mesh.triangles.len() > MANY_TRIANGLES { 2 } else { 1 };
     let mut lights = Vec::new();
-    for set in [directional(Half::Tuning), points(mesh, Half::Tuning), environments(Half::Tuning)] {
+    let points = points(mesh, Half::Tuning).into_iter().chain(points_between(mesh)).collect();
+    for set in [directional(Half::Tuning), points, environments(Half::Tuning)] {
         lights.extend(set.into_iter().step_by(each).filter(|light| asked(light.kind())));
     }
     if lights.is_empty() {

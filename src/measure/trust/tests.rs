@@ -5,7 +5,7 @@ use glam::DVec3;
 
 use super::blame::{Place, blame};
 use super::exact::{Exact, Subject, Which};
-use super::map::{Trust, measure, trust};
+use super::map::{Trust, measure, probe_lights, trust};
 use super::thickness::thickness;
 use crate::asset::{Asset, Provenance};
 use crate::evaluate::exitance::MeshPoint;
@@ -16,6 +16,7 @@ use crate::geometry::mesh::{Mesh, Placement};
 use crate::geometry::part_table::PartTable;
 use crate::geometry::shapes;
 use crate::geometry::source::SourceModel;
+use crate::geometry::test_data::obj;
 use crate::light::{Light, LightKind};
 use crate::math::statistics::units;
 use crate::measure::probes::{Half, directional, for_bake, points};
@@ -23,6 +24,9 @@ use crate::medium::material::{Medium, preset};
 use crate::methods::built_in;
 use crate::progress::Silent;
 use crate::scene::Scene;
+
+/// Samples of what assets are measured against.
+const SAMPLES_OF_TRUTH: usize = 1 << 13;
 
 /// Samples of the assets.
 const SAMPLES: usize = 1500;
@@ -34,12 +38,12 @@ fn scene(model: SourceModel) -> Scene {
     Scene { mesh, parts, media }
 }
 
-/// Set to measure on a head of 642 vertices in place of 162.
-const LONG: &str = "TRANSLUX_LONG";
-
-/// An asset of a head, 20 mm across.
+/// An asset of a head of 162 vertices, 20 mm across.
 fn asset(method: &str, given: &[(&str, &str)]) -> Asset {
-    let scene = scene(shapes::bumpy_head(10.0, if std::env::var_os(LONG).is_some() { 3 } else { 2 }));
+    asset_of(scene(shapes::bumpy_head(10.0, 2)), method, given)
+}
+
+fn asset_of(scene: Scene, method: &str, given: &[(&str, &str)]) -> Asset {
     let settings = BakeSettings {
         samples: Some(SAMPLES),
         for_lights: [LightKind::Directional, LightKind::Point].into_iter().collect(),
@@ -63,23 +67,24 @@ fn subject<'a>(evaluator: &'a mut dyn Evaluator, asset: &'a Asset) -> Subject<'a
     Subject { evaluator, asset, profile: None, admit: &|_| Ok(()) }
 }
 
-/// Root mean square over unseen lights of the error of every vertex, worst channel, by brute force: all pairs of 32,768 samples.
+/// Mean over the unseen lights of the absolute error of every vertex, worst channel, by brute force: all pairs of 8,192 samples.
 fn measured(evaluator: &mut dyn Evaluator, asset: &Asset) -> Vec<f64> {
     let mesh = &asset.scene.mesh;
     let areas = asset.scene.vertex_areas_mm2();
     let lights = directional(Half::Figures).into_iter().chain(points(mesh, Half::Figures));
     let mut subject = subject(evaluator, asset);
-    let mut exact = Exact::new(&subject, Which::Finer(1 << 15), Far::AllPairs);
-    let mut squares = vec![DVec3::ZERO; areas.len()];
+    let mut exact = Exact::new(&subject, Which::Finer(SAMPLES_OF_TRUTH), Far::AllPairs);
+    let (mut sums, mut count) = (vec![DVec3::ZERO; areas.len()], 0.0);
     for light in lights {
         let Ok(served) = subject.served(&light, false) else { continue };
         let truth = exact.under(&light, &Silent).unwrap().at_vertices(&Silent).unwrap();
         let unit = units(&truth, &areas);
-        squares.iter_mut().zip(served.radiosity.iter().zip(&truth)).for_each(|(sum, (b, t))| {
-            *sum += ((*b - *t) / unit).powf(2.0);
-        });
+        sums.iter_mut()
+            .zip(served.radiosity.iter().zip(&truth))
+            .for_each(|(sum, (b, t))| *sum += ((*b - *t) / unit).abs());
+        count += 1.0;
     }
-    squares.into_iter().map(|sum| sum.max_element().sqrt()).collect()
+    sums.into_iter().map(|sum| sum.max_element() / count).collect()
 }
 
 /// Ranks of some values; values that are the same share the mean of theirs.
@@ -118,38 +123,26 @@ const METHODS: [(&str, &[(&str, &str)]); 6] = [
 
 #[test]
 fn the_map_ranks_vertices_as_unseen_lights_do() {
+    // A body with ears, brows and eyes: on a ball no vertex is worse than another.
+    let Some(source) = obj("meshes/suzanne.obj") else { return };
+    let mut head = scene(source);
+    let factor = head.mesh.resize(20.0).unwrap();
+    head.parts = head.parts.scaled(factor);
     for (method, given) in METHODS {
-        let asset = asset(method, given);
+        let asset = asset_of(head.clone(), method, given);
         let mut evaluator = opened(&asset);
         let truth = measured(evaluator.as_mut(), &asset);
-        let map = trust(subject(evaluator.as_mut(), &asset), &Silent).unwrap();
+        let mut subject = subject(evaluator.as_mut(), &asset);
+        let lights = probe_lights(&mut subject).unwrap();
+        let map =
+            measure(subject, (lights, asset.scene.clone()), (SAMPLES_OF_TRUTH, Far::AllPairs, false), &Silent).unwrap();
         let found = rank_correlation(&expected(&map), &truth);
-        let rms = (truth.iter().map(|e| e * e).sum::<f64>() / truth.len() as f64 / 20.0).sqrt();
+        let mean = truth.iter().sum::<f64>() / truth.len() as f64;
         println!(
-            "{method} {given:?}: rank correlation {found:.3}, RMS {rms:.4}, {:?}, total {:?}",
-            map.sums, map.total.rms
+            "{method} {given:?}: rank correlation {found:.3}, mean {mean:.4}, {:?}, {}",
+            map.sums,
+            map.lights.len()
         );
-        if std::env::var_os("TRUST_EXPLORE").is_some() {
-            let mesh = &asset.scene.mesh;
-            let own = expected(&map);
-            let mut sums: Vec<(f64, f64)> = own.iter().map(|_| (0.0, 0.0)).collect();
-            for t in &mesh.triangles {
-                for &a in t {
-                    for &b in t {
-                        if a != b {
-                            sums[a as usize].0 += own[b as usize].powi(2);
-                            sums[a as usize].1 += 1.0;
-                        }
-                    }
-                }
-            }
-            for share in [0.2, 0.35, 0.5, 0.65, 0.8, 1.0] {
-                let smooth: Vec<f64> =
-                    own.iter().zip(&sums).map(|(e, (s, n))| (1.0 - share) * e * e + share * s / n).collect();
-                println!("   smoothed {share}: {:.3}", rank_correlation(&smooth, &truth));
-            }
-            continue;
-        }
         assert!(found >= 0.7, "{method} {given:?}: {found}");
     }
 }
@@ -184,7 +177,7 @@ fn every_column_is_what_its_name_says() {
         // A head of about 20 mm.
         let longest = asset.scene.media[0].properties.mean_free_path_mm().max_element();
         let thick_mm = vertex.thickness * longest;
-        assert!(thick_mm > 1.0 && thick_mm < 25.0 && vertex.between < 0.3, "{vertex:?}");
+        assert!(thick_mm > 1.0 && thick_mm < 25.0 && vertex.between < 0.6, "{vertex:?}");
     }
     assert!(map.vertices.iter().any(|vertex| vertex.between > 1e-4));
 }
