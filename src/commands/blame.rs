@@ -90,7 +90,9 @@ impl BlameArgs {
     /// The place that is asked for.
     fn place(&self, evaluator: &dyn Evaluator) -> Result<Place> {
         match (self.vertex, self.pixel) {
-            (Some(vertex), _) => Place::vertex(evaluator.scene(), vertex).map_err(|e| e.at("--vertex")),
+            (Some(vertex), _) => {
+                Place::vertex(evaluator.scene(), vertex).map_err(|e| e.at(format!("--vertex {vertex}")))
+            }
             (None, Some(pixel)) => {
                 let Pixel([x, y]) = pixel;
                 self.seen.place(evaluator, pixel).map_err(|e| e.at(format!("--pixel {x},{y}")))

@@ -18,7 +18,7 @@ fn baked(options: &str) -> Folder {
 
 #[test]
 fn a_map_lies_beside_the_radiosity_and_is_the_same_on_any_number_of_threads() {
-    let folder = baked("--method editable --samples 600");
+    let folder = baked("--method editable --samples 600 --max-rms 2%");
     let report = folder.run(&format!("evaluate a.tlux {SUN} --trust --threads 1 --json -o a.ply")).ok().json();
     folder.run(&format!("evaluate a.tlux {SUN} --trust --threads 3 -o b.ply")).ok();
     folder.run(&format!("evaluate a.tlux {SUN} -o plain.ply")).ok();
@@ -101,7 +101,7 @@ fn blame_looks_where_the_picture_does() {
 
 #[test]
 fn pictures_show_where_an_asset_is_wrong() {
-    let folder = baked("--method editable --samples 300");
+    let folder = baked("--method editable --samples 300 --max-rms 2%");
     let line = format!("render a.tlux {SUN} --resolution 200x120 --samples-per-pixel 1 -o a.exr -o a.png");
     let report = folder.run(&format!("{line} --aov trust --json")).ok().json();
     assert!(report["trust"]["total"]["rms"].as_f64().unwrap() > 0.0);

@@ -43,7 +43,7 @@ impl Place {
         let count = scene.mesh.local_mm.len();
         if vertex as usize >= count {
             let last = count.saturating_sub(1);
-            return Err(Error::command_line(format!("{vertex}: the asset has the vertices 0 to {last}")));
+            return Err(Error::command_line(format!("the asset has the vertices 0 to {last}")));
         }
         let triangles = scene.mesh.triangles.iter().zip(0..).filter(|(_, index)| transfers(scene, *index));
         for (corners, index) in triangles {
@@ -53,7 +53,7 @@ impl Place {
                 return Ok(Self { point, vertex: Some(vertex) });
             }
         }
-        Err(Error::command_line(format!("{vertex}: the vertex is on no translucent surface, its radiosity is 0")))
+        Err(Error::command_line("the vertex is on no translucent surface, its radiosity is 0"))
     }
 
     /// A point between vertices.
