@@ -3,7 +3,6 @@
 use std::str::FromStr;
 
 use clap::Args;
-use glam::DVec2;
 
 use super::console::Console;
 use super::evaluate::TOO_MUCH;
@@ -12,10 +11,9 @@ use super::opening::AssetArgs;
 use super::view::CameraArgs;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Evaluator;
-use crate::evaluate::exitance::MeshPoint;
-use crate::geometry::bvh::Ray;
 use crate::measure::trust::{Place, Subject, blame};
 use crate::render::camera::Resolution;
+use crate::render::centres::centre;
 use crate::report::blame::BlameReport;
 use crate::report::radiosity_ply::model_of;
 
@@ -113,13 +111,7 @@ impl SeenArgs {
         }
         let scene = evaluator.scene();
         let camera = self.camera.spec()?.resolve(&scene.mesh, self.resolution)?;
-        let direction = camera.direction(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5), self.resolution);
-        let origin = camera.at_mm() - scene.mesh.origin_mm;
-        let hit = evaluator.bvh().closest(&Ray::new(origin.as_vec3(), direction.as_vec3()));
-        let missed = || Error::command_line("the camera does not see the object there");
-        let hit = hit.ok_or_else(missed)?;
-        let [u, v] = [hit.u, hit.v].map(f64::from);
-        let point = MeshPoint::new(&scene.mesh, hit.triangle, [1.0 - u - v, u, v]).ok_or_else(missed)?;
-        Place::point(scene, point)
+        let point = centre((scene, evaluator.bvh()), (&camera, self.resolution), [x, y].map(|k| k as usize));
+        Place::point(scene, point.ok_or_else(|| Error::command_line("the camera does not see the object there"))?)
     }
 }

@@ -82,14 +82,8 @@ enum Kind {
 }
 
 impl Kind {
-    fn name(self) -> &'static str {
-        match self {
-            Self::VertexColors => "vertex-colors",
-            Self::Lightmap => "lightmap",
-            Self::Sh1 => "sh1",
-            Self::Sh2 => "sh2",
-            Self::Page => "page",
-        }
+    fn name(self) -> String {
+        self.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
     }
 
     fn order(self) -> Option<Order> {
@@ -162,7 +156,7 @@ impl ExportArgs {
             Kind::VertexColors | Kind::Sh1 | Kind::Sh2 => &["glb"],
         };
         if self.kind.is_none() && self.kind() != Kind::Page {
-            let kinds: Vec<&str> = Kind::value_variants().iter().map(|kind| kind.name()).collect();
+            let kinds: Vec<String> = Kind::value_variants().iter().map(|kind| kind.name()).collect();
             return Err(Error::command_line(format!("--as: say what is wanted, one of {}", kinds.join(", "))));
         }
         output::check(&self.output, suffixes, console)?;
@@ -297,7 +291,7 @@ impl ExportArgs {
         });
         ExportReport {
             method: provenance.method.clone(),
-            kind: self.kind().name().to_owned(),
+            kind: self.kind().name(),
             materials: scene.media.iter().map(|medium| medium.name.clone()).collect(),
             lights: lights.text,
             inputs: lights.inputs,

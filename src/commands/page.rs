@@ -9,6 +9,7 @@ use serde_json::json;
 
 use super::console::{Console, in_range};
 use super::lights::{ResolvedLights, warn_of_places};
+use super::view::CameraArgs;
 use crate::asset::Provenance;
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
@@ -17,8 +18,7 @@ use crate::export::page::{DIRECTION_COUNTS, DIRECTIONS, Turned, html};
 use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::measure::probes::{Half, constant, directional};
-use crate::render::camera::{Resolution, View, xyz};
-use crate::render::camera_text::CameraSpec;
+use crate::render::camera::{Resolution, xyz};
 use crate::render::film::{Exposure, MAX_STOPS};
 use crate::render::specular::Roughness;
 use crate::report::export::PageReport;
@@ -35,12 +35,8 @@ const FRAMED: usize = 1024;
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Page")]
 pub(super) struct PageArgs {
-    /// Eye, target, up and vertical degrees of the first view, in mm, as at=0,8,75:look=0,0,0:up=0,1,0:fov=28; every key may be left out
-    #[arg(long, value_name = "CAMERA")]
-    camera: Option<CameraSpec>,
-    /// Side from which the first view sees the object, where --camera does not say at
-    #[arg(long, value_name = "SIDE")]
-    view: Option<View>,
+    #[command(flatten)]
+    camera: CameraArgs,
     #[arg(long, value_name = "N", help = format!("Directions from which the asset is lit: more are nearer to it [default: {DIRECTIONS}]"))]
     directions: Option<usize>,
 }
@@ -79,24 +75,13 @@ impl Parts {
 impl PageArgs {
     /// Refuses what does not go together, before any work.
     pub(super) fn check(&self, is_page: bool) -> Result<()> {
-        let given = [("--camera", self.camera.is_some()), ("--view", self.view.is_some())];
-        let given = given.into_iter().chain([("--directions", self.directions.is_some())]);
-        if let Some((option, _)) = given.filter(|(_, given)| *given).find(|_| !is_page) {
+        let given = self.camera.given().or(self.directions.map(|_| "--directions"));
+        if let Some(option) = given.filter(|_| !is_page) {
             return Err(Error::command_line(format!("{option}: is of a page (-o FILE.html)")));
         }
         let [least, most] = DIRECTION_COUNTS;
         in_range("--directions", self.directions.unwrap_or(DIRECTIONS), least..=most)?;
-        self.spec().map(|_| ())
-    }
-
-    fn spec(&self) -> Result<CameraSpec> {
-        let camera = self.camera.unwrap_or_default();
-        match (self.view, camera.at_mm) {
-            (Some(_), Some(_)) => {
-                Err(Error::command_line("--view and at= of --camera both say from where: leave one out"))
-            }
-            (view, _) => Ok(CameraSpec { view: view.unwrap_or_default(), ..camera }),
-        }
+        self.camera.spec().map(|_| ())
     }
 
     /// Lights an asset from all around and makes the page of it.
@@ -110,7 +95,7 @@ impl PageArgs {
     ) -> Result<(Vec<u8>, PageReport)> {
         let Parts { from, irradiance, ambient, others } = Parts::of(lights, is_default);
         let mesh = &evaluator.scene().mesh;
-        let camera = self.spec()?.resolve(mesh, Resolution::new(FRAMED, FRAMED)?)?;
+        let camera = self.camera.spec()?.resolve(mesh, Resolution::new(FRAMED, FRAMED)?)?;
         let (directions, vertices) = (self.directions.unwrap_or(DIRECTIONS), mesh.local_mm.len());
         console.check_memory(Turned::memory(vertices, directions), "use fewer --directions, or raise --max-memory")?;
         let fixed: Vec<Light> = others.iter().map(|(light, _)| light.clone()).collect();

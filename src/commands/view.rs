@@ -85,6 +85,11 @@ pub(super) fn check_memory(resolution: Resolution, count: usize, console: &Conso
 }
 
 impl CameraArgs {
+    /// The first of its options that was typed.
+    pub(super) fn given(&self) -> Option<&'static str> {
+        self.camera.map(|_| "--camera").or(self.view.map(|_| "--view"))
+    }
+
     /// The camera as it is typed.
     pub(super) fn spec(&self) -> Result<CameraSpec> {
         let camera = self.camera.unwrap_or_default();

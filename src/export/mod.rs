@@ -96,8 +96,7 @@ pub fn translucent_vertices(scene: &Scene) -> Vec<bool> {
 
 /// The triangles of translucent parts.
 fn translucent_triangles(scene: &Scene) -> impl Iterator<Item = u32> {
-    let part = |triangle: u32| scene.parts.parts.get(*scene.parts.triangle_part.get(triangle as usize)? as usize);
-    (0..scene.mesh.triangles.len() as u32).filter(move |&triangle| part(triangle).is_some_and(|part| part.transfers()))
+    (0..scene.mesh.triangles.len() as u32).filter(|&triangle| scene.parts.transfers(triangle))
 }
 
 /// Puts attributes into a primitive; what it has of the same name goes to the next number (`COLOR_1`).

@@ -49,6 +49,12 @@ impl PartTable {
         Self { triangle_part, parts }
     }
 
+    /// True if light enters the part of a triangle.
+    pub fn transfers(&self, triangle: u32) -> bool {
+        let part = self.triangle_part.get(triangle as usize).and_then(|&part| self.parts.get(part as usize));
+        part.is_some_and(PartEntry::transfers)
+    }
+
     /// The table of the same mesh scaled by `factor`.
     #[must_use]
     pub fn scaled(mut self, factor: f64) -> Self {

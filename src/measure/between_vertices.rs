@@ -75,12 +75,7 @@ pub fn between_vertices(scene: &Scene, progress: &dyn Progress) -> Result<Vertex
 
 /// Triangles of translucent parts at even steps of the area: each stands for as much of it.
 fn by_area(scene: &Scene, count: usize) -> Vec<u32> {
-    let parts = &scene.parts;
-    let transfers = |t: &u32| {
-        let part = parts.triangle_part.get(*t as usize).and_then(|&part| parts.parts.get(part as usize));
-        part.is_some_and(|part| part.transfers())
-    };
-    let all: Vec<u32> = (0..scene.mesh.triangles.len() as u32).filter(transfers).collect();
+    let all: Vec<u32> = (0..scene.mesh.triangles.len() as u32).filter(|&t| scene.parts.transfers(t)).collect();
     let total: f64 = all.iter().map(|&t| scene.mesh.area_mm2(t)).sum();
     let step = total / count as f64;
     let (mut passed, mut chosen) = (0.0, Vec::new());

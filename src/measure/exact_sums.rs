@@ -1,8 +1,5 @@
 //! Exact sums: the settings of a truth that tells the errors of assets.
 
-use translux_format::{RawSection, calibration};
-
-use crate::asset::Asset;
 use crate::forms::density::Density;
 use crate::forms::gathered::{Far, Gathered};
 use crate::light::Light;
@@ -65,9 +62,3 @@ pub(crate) const ALL_PAIRS: Gathered = Gathered {
     single: None,
     outside: None,
 };
-
-/// Sections of calibrated kernels of an asset; none where it has the dipole's.
-pub(crate) fn kernels(asset: &Asset) -> Vec<RawSection> {
-    let is_kernel = |section: &&RawSection| calibration::tags::ALL.contains(&section.tag);
-    asset.sections.iter().filter(is_kernel).cloned().collect()
-}

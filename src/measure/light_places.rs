@@ -54,11 +54,8 @@ pub fn doubtful(scene: &Scene, lights: &[Light], samples: usize) -> Vec<Doubtful
     if lights.iter().all(|light| places(light).is_empty()) {
         return Vec::new();
     }
-    let transfers = |t: &u32| {
-        let part = scene.parts.triangle_part.get(*t as usize);
-        part.and_then(|&part| scene.parts.parts.get(part as usize)).is_some_and(|part| part.transfers())
-    };
-    let surface = NearestPoint::new(&scene.mesh, (0..scene.mesh.triangles.len() as u32).filter(transfers));
+    let triangles = (0..scene.mesh.triangles.len() as u32).filter(|&t| scene.parts.transfers(t));
+    let surface = NearestPoint::new(&scene.mesh, triangles);
     let area: f64 = scene.parts.parts.iter().filter(|part| part.transfers()).map(|part| part.area_mm2).sum();
     let spacing_mm = if samples > 0 { (area / samples as f64).sqrt() } else { 0.0 };
     let of_light = |(index, light): (usize, &Light)| {

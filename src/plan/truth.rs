@@ -92,8 +92,7 @@ impl Places {
             (first..all).step_by(step).map(|i| (i as u32, areas.get(i).copied().unwrap_or_default())).collect();
         let mut places = Self { vertices: Vec::new(), points: Vec::new(), areas_mm2: Vec::new() };
         for (index, corners) in mesh.triangles.iter().enumerate() {
-            let part = parts.triangle_part.get(index).and_then(|&part| parts.parts.get(part as usize));
-            if wanted.is_empty() || !part.is_some_and(|part| part.transfers()) {
+            if wanted.is_empty() || !parts.transfers(index as u32) {
                 continue;
             }
             for (corner, &vertex) in corners.iter().enumerate() {

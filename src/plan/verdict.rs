@@ -11,9 +11,10 @@ use super::truth::{Places, TrueSums, Truth};
 use crate::asset::Asset;
 use crate::error::Result;
 use crate::evaluate::{Evaluator, Registry};
+use crate::forms::gathered::model::sections_of;
 use crate::light::{Light, LightKind};
 use crate::math::statistics::VertexError;
-use crate::measure::exact_sums::{kernels, true_samples};
+use crate::measure::exact_sums::true_samples;
 use crate::progress::{Progress, Silent};
 use crate::report::sizes::Sizes;
 use crate::report::text::{megabytes, percent, significant};
@@ -57,7 +58,7 @@ impl Verdict {
         let directions = (affordable as usize).clamp(*DIRECTIONS.start(), *DIRECTIONS.end());
         let lights = lights(scene, &request.for_lights, Purpose::Verdict { directions })?;
         let judges = forecast.erring_samples().unwrap_or(0);
-        let kernels = kernels(asset);
+        let kernels = sections_of(asset);
         if !sums.judge(request.max_rms, judges, &kernels) {
             *sums = TrueSums::new(scene, true_samples(scene, request.max_rms, judges), kernels);
         }

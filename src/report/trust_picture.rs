@@ -60,7 +60,7 @@ pub(crate) struct TrustPicture {
 impl TrustPicture {
     /// The map of an evaluator's asset through the middle of each pixel, linear between the vertices.
     pub(crate) fn new(trust: &Trust, evaluator: &dyn Evaluator, settings: &RenderSettings) -> Self {
-        let points = centres(evaluator, settings);
+        let points = centres(evaluator, (&settings.camera, settings.resolution));
         let of = |value: Of| {
             let at = |point: &MeshPoint| -> f64 {
                 let corner = |v: u32| trust.vertices.get(v as usize).map_or(0.0, value);

@@ -20,8 +20,7 @@ impl Domain<'_> {
     pub fn vertex_areas_mm2(&self) -> Vec<f64> {
         let mut areas = vec![0.0; self.mesh.local_mm.len()];
         for (triangle, vertices) in self.mesh.triangles.iter().enumerate() {
-            let part = self.parts.triangle_part.get(triangle).and_then(|p| self.parts.parts.get(*p as usize));
-            if part.is_some_and(|p| p.transfers()) {
+            if self.parts.transfers(triangle as u32) {
                 let third = self.mesh.area_mm2(triangle as u32) / 3.0;
                 vertices.iter().for_each(|v| areas[*v as usize] += third);
             }

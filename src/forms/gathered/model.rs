@@ -202,7 +202,7 @@ pub(crate) fn without_factors(mut sections: Vec<RawSection>) -> Vec<RawSection> 
     sections
 }
 
-/// The sections of the calibration of an asset.
+/// The sections of the calibration of an asset; none where its kernels are dipoles.
 pub(crate) fn sections_of(asset: &Asset) -> Vec<RawSection> {
     asset.sections.iter().filter(|section| tags::ALL.contains(&section.tag)).cloned().collect()
 }

@@ -20,11 +20,8 @@ pub(super) struct Between {
 impl Between {
     /// Centroids and mid-edges of the translucent parts of a scene.
     pub(super) fn new(scene: &Scene) -> Self {
-        let transfers = |t: &u32| {
-            let part = scene.parts.triangle_part.get(*t as usize).and_then(|&p| scene.parts.parts.get(p as usize));
-            part.is_some_and(|part| part.transfers())
-        };
-        let triangles: Vec<u32> = (0..scene.mesh.triangles.len() as u32).filter(transfers).collect();
+        let all = 0..scene.mesh.triangles.len() as u32;
+        let triangles: Vec<u32> = all.filter(|&t| scene.parts.transfers(t)).collect();
         let of = |&t: &u32| PLACES.map(|weights| MeshPoint::new(&scene.mesh, t, weights));
         let points = triangles.iter().flat_map(of).flatten().collect();
         Self { triangles, points, squares: vec![(DVec3::ZERO, 0.0); scene.mesh.local_mm.len()] }

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::exact::{Exact, Subject, Which};
-use super::map::{MOST_OWN_PAIRS, RESOLUTION, asked_rms, environment_is_stored, own_samples};
+use super::map::{MOST_OWN_PAIRS, RESOLUTION, asked_rms, environment_is_stored, is_cut, own_samples};
 use super::thickness::thickness;
 use crate::compress::ledger::{BESIDE_RADIOSITY, ENVIRONMENT_STAGES, Ledger, MODEL, TOGETHER};
 use crate::error::{Error, Result};
@@ -45,7 +45,7 @@ impl Place {
             let last = count.saturating_sub(1);
             return Err(Error::command_line(format!("the asset has the vertices 0 to {last}")));
         }
-        let triangles = scene.mesh.triangles.iter().zip(0..).filter(|(_, index)| transfers(scene, *index));
+        let triangles = scene.mesh.triangles.iter().zip(0..).filter(|(_, index)| scene.parts.transfers(*index));
         for (corners, index) in triangles {
             let Some(corner) = corners.iter().position(|&v| v == vertex) else { continue };
             let weights = [0, 1, 2].map(|k| if k == corner { 1.0 } else { 0.0 });
@@ -61,16 +61,11 @@ impl Place {
     /// # Errors
     /// Command line: a point on no translucent part.
     pub fn point(scene: &Scene, point: MeshPoint) -> Result<Self> {
-        if !transfers(scene, point.triangle) {
+        if !scene.parts.transfers(point.triangle) {
             return Err(Error::command_line("the part there is opaque: it has no radiosity"));
         }
         Ok(Self { point, vertex: None })
     }
-}
-
-fn transfers(scene: &Scene, triangle: u32) -> bool {
-    let part = scene.parts.triangle_part.get(triangle as usize).and_then(|&part| scene.parts.parts.get(part as usize));
-    part.is_some_and(|part| part.transfers())
 }
 
 /// What a stage adds at a place.
@@ -109,7 +104,7 @@ pub struct Blame {
     pub stages: Vec<StageError>,
     /// Stage that adds the most.
     pub dominant: String,
-    /// Whether a channel is cut off at 0 there, where the exact radiosity is not 0.
+    /// Whether a channel is cut off at 0 there, where the exact radiosity is above 0.1 % of its RMS.
     pub clamped: bool,
     /// Distance through the body along the inverse normal of the nearest vertex, in mean free paths of the channel where these are longest.
     pub thickness: f64,
@@ -193,7 +188,7 @@ pub fn blame(mut subject: Subject, lights: &[Light], place: Place, progress: &dy
         exact: exact.to_array(),
         error: error.to_array(),
         local_error: (exact.min_element() > 0.0).then(|| ((radiosity - exact) / exact).to_array()),
-        clamped: (0..3).any(|c| radiosity[c] == 0.0 && exact[c] > 0.0),
+        clamped: is_cut(radiosity, exact, unit),
         thickness: depths.get(nearest as usize).copied().unwrap_or_default(),
         model_error: subject.asset.ledger.entries.iter().find(|e| e.stage == MODEL).map(|e| e.error.rms),
         asked_rms: asked,

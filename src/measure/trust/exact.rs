@@ -11,10 +11,11 @@ use crate::evaluate::exitance::MeshPoint;
 use crate::evaluate::inter_reflection::{MOST_TIMES, Outside};
 use crate::evaluate::single_scattering::{Scattering, Traced};
 use crate::evaluate::{Evaluator, Form, SingleScattering};
+use crate::forms::gathered::model::sections_of;
 use crate::forms::gathered::{Far, Gathered};
 use crate::geometry::samples::Samples;
 use crate::light::Light;
-use crate::measure::exact_sums::{ALL_PAIRS, TRUE_RAYS, is_soft, kernels, under_soft_light};
+use crate::measure::exact_sums::{ALL_PAIRS, TRUE_RAYS, is_soft, under_soft_light};
 use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Progress;
@@ -110,7 +111,7 @@ impl<'a> Exact<'a> {
             samples,
             provenance: Provenance::default(),
             ledger: Ledger::default(),
-            sections: kernels(self.asset),
+            sections: sections_of(self.asset),
         };
         let form = Gathered { sampling, ..self.form };
         (self.admit)(Form::run_memory(&form, &asset))?;

@@ -41,8 +41,14 @@ const LIGHTS_BETWEEN: usize = 2;
 /// Least local radiosity that errors are relative to, in the unit of the channel: what is darker counts as this.
 const LOCAL_FLOOR: f64 = 1e-3;
 
-/// Exact radiosity above which a radiosity of 0 was cut off there, in the unit of the channel.
-const CLAMPED_ABOVE: f64 = 1e-6;
+/// Exact radiosity above which a radiosity of 0 was cut off there, in the unit of the channel. Below it cuts are far smaller than any error
+/// that is asked for: the bodies of most assets have some.
+const CUT_ABOVE: f64 = 1e-3;
+
+/// Whether a channel is cut off at 0 where it is not.
+pub(super) fn is_cut(radiosity: DVec3, exact: DVec3, unit: DVec3) -> bool {
+    (0..3).any(|c| radiosity[c] == 0.0 && exact[c] > CUT_ABOVE * unit[c])
+}
 
 /// What is expected of the radiosity of a vertex. Errors are shares of the RMS of the exact radiosity of a channel over the surface, but the
 /// local one.
@@ -58,7 +64,7 @@ pub struct VertexTrust {
     pub worst_light: u32,
     /// Unit vector from the vertex towards that light; zero where it comes from all around.
     pub from: DVec3,
-    /// Whether a channel is cut off at 0 under one of the lights, where the exact radiosity is not 0.
+    /// Whether a channel is cut off at 0 under one of the lights, where the exact radiosity is above 0.1 % of its RMS.
     pub clamped: bool,
     /// Error of what is drawn around the vertex, linear over each triangle, at centroids and mid-edges; the worst channel.
     pub between: f64,
@@ -181,7 +187,7 @@ pub(super) fn measure(
             let error = ((b - t) / unit).abs();
             sum.error += error;
             sum.exact += t / unit;
-            vertex.clamped |= (0..3).any(|c| b[c] == 0.0 && t[c] > CLAMPED_ABOVE * unit[c]);
+            vertex.clamped |= is_cut(b, t, unit);
             let worst = error.max_element();
             if worst > vertex.worst {
                 (vertex.worst, vertex.worst_light) = (worst, index as u32);
