@@ -42,15 +42,10 @@ pub(super) struct BakeArgs {
     options: BakeOptions,
     #[command(flatten)]
     plan: PlanOptions,
-    /// Model of the light inside that the kernels follow
-    #[arg(
-        long = "model",
-        id = "inside",
-        default_value = "dipole",
-        value_name = "WHICH",
-        help_heading = "Model of the light inside"
-    )]
-    inside: Inside,
+    /// Model of the light inside that the kernels follow (default: calibrated where --method auto chooses, dipole for a method that is
+    /// named, as its paper has it)
+    #[arg(long = "model", id = "inside", value_name = "WHICH", help_heading = "Model of the light inside")]
+    inside: Option<Inside>,
     #[command(flatten, next_help_heading = "Model of the light inside")]
     walks: WalkOptions,
     #[command(flatten)]
@@ -79,6 +74,14 @@ impl Inside {
     }
 }
 
+impl BakeArgs {
+    /// The model of the light inside.
+    fn inside(&self) -> Inside {
+        let of_method = if self.method == planning::AUTO { Inside::Calibrated } else { Inside::Dipole };
+        self.inside.unwrap_or(of_method)
+    }
+}
+
 /// Refuses what is wrong with the options themselves, before anything is read or written.
 ///
 /// # Errors
@@ -89,7 +92,7 @@ pub(super) fn check(args: &BakeArgs, console: &Console) -> Result<()> {
 
 /// The method with its settings.
 fn resolve(args: &BakeArgs, console: &Console) -> Result<What> {
-    let model = match args.inside {
+    let model = match args.inside() {
         Inside::Dipole => args.walks.dipole(),
         Inside::Calibrated => args.walks.calibrated(),
     };
@@ -112,7 +115,7 @@ pub(super) fn run(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
         return current(args, console);
     }
     let cache = if args.build.dry_run { None } else { args.cache.open()? };
-    let imported = args.model.load(args.inside.reflector(), console)?;
+    let imported = args.model.load(args.inside().reflector(), console)?;
     if args.build.dry_run {
         return forecast(&what, imported, console);
     }

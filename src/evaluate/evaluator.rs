@@ -86,6 +86,15 @@ pub trait Evaluator: Send {
     /// Failures of the work.
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>>;
 
+    /// [`Self::radiosity`] of some source vertices, in their order, for as little work as that takes.
+    ///
+    /// # Errors
+    /// Failures of the work.
+    fn radiosity_of(&mut self, vertices: &[u32], progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        let all = self.radiosity(progress)?;
+        Ok(vertices.iter().map(|&vertex| all.get(vertex as usize).copied().unwrap_or_default()).collect())
+    }
+
     /// Single scattering of every source vertex along the inverse normal, isotropic, RGB: `s = pi C L1 / F_t(w_o)`, in
     /// the unit of the radiosity and beside it (never part of it), in its order and with its welds. None where the
     /// method or the asset has none, or none that an eye would not change.

@@ -131,6 +131,11 @@ impl Evaluator for Guarded {
         self.checked(values, "radiosity")
     }
 
+    fn radiosity_of(&mut self, vertices: &[u32], progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        let values = self.inner.radiosity_of(vertices, progress)?;
+        self.checked(values, "radiosity")
+    }
+
     fn single_scattering(&mut self, progress: &dyn Progress) -> Result<Option<Vec<DVec3>>> {
         let values = self.inner.single_scattering(progress)?;
         values.map(|values| self.checked(values, "single scattering")).transpose()

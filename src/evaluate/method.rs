@@ -145,7 +145,20 @@ impl Recipe {
     ///
     /// # Errors
     /// Errors of the form.
-    pub fn bake(&self, scene: Scene, mut provenance: Provenance, progress: &dyn Progress) -> Result<Asset> {
+    pub fn bake(&self, scene: Scene, provenance: Provenance, progress: &dyn Progress) -> Result<Asset> {
+        Ok(self.bake_and_open(scene, provenance, progress)?.0)
+    }
+
+    /// [`Self::bake`], and the asset's evaluator where the bake needed it.
+    ///
+    /// # Errors
+    /// Errors of the form.
+    pub fn bake_and_open(
+        &self,
+        scene: Scene,
+        mut provenance: Provenance,
+        progress: &dyn Progress,
+    ) -> Result<(Asset, Option<Box<dyn Evaluator>>)> {
         let parts = self.form.bake(&scene, &self.settings.with_probes_of_kinds(), progress)?;
         provenance.method = self.method.to_owned();
         provenance.settings.extend(self.texts.clone());
@@ -170,9 +183,10 @@ impl Recipe {
             if let Some(walks) = walks {
                 let mut evaluator = self.form.open(Arc::new(asset.clone()))?;
                 walks.enter(evaluator.as_mut(), &mut asset.ledger, progress)?;
+                return Ok((asset, Some(evaluator)));
             }
         }
-        Ok(asset)
+        Ok((asset, None))
     }
 }
 

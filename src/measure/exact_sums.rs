@@ -15,8 +15,8 @@ pub(crate) const MOST_SAMPLES: usize = 1 << 20;
 
 /// Samples of the truth over those of what is judged, up to a number of the latter, and beyond it. The error of samples that are not
 /// clusters of triangles goes with their inverse number, so that twice as many tell half of it at least.
-const FINER: usize = 4;
-const FINER_UP_TO: usize = 1 << 16;
+pub(crate) const FINER: usize = 4;
+const FINER_UP_TO: usize = 1 << 15;
 pub(crate) const FINER_BEYOND: usize = 2;
 
 /// Soft light varies less from sample to sample, and costs many rays of each: fewer samples, unless there are many triangles, and so

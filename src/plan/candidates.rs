@@ -3,13 +3,17 @@
 use super::record::{Considered, Left};
 use super::request::Request;
 use crate::error::Result;
-use crate::evaluate::{BakeSettings, Forecast, Method, Recipe, Registry};
+use crate::evaluate::{BakeSettings, Forecast, Method, Model, Recipe, Registry};
 use crate::light::LightKind;
 use crate::report::text::megabytes;
 use crate::scene::Scene;
 
 /// Numbers of samples that are tried: powers of two.
 const SAMPLES: std::ops::RangeInclusive<u32> = 10..=18;
+
+/// Those of calibrated kernels at most where nobody named an error: beside that of the model more would hardly be seen, and sharp corners, which
+/// take a sample for every fraction of a free path, would have a bake take minutes.
+const MOST_UNASKED: usize = 1 << 16;
 
 /// Shares of the asked error that a bake is asked for: the rest is left to the samples and to what no stage sees.
 const SHARES: [f64; 4] = [1.0, 0.6, 0.3, 0.1];
@@ -66,7 +70,9 @@ impl Candidates {
     fn add(&mut self, family: &Family, request: &Request, scene: &Scene, (mesh_bytes, memory): (u64, u64)) {
         let index = self.families.len();
         self.families.push(family.name(request));
-        for (samples, share) in rungs() {
+        let unasked = request.max_rms_may_grow && request.model != Model::Dipole;
+        let most = if unasked { MOST_UNASKED } else { usize::MAX };
+        for (samples, share) in rungs().into_iter().filter(|(samples, _)| samples.is_none_or(|n| n <= most)) {
             let recipe = match family.recipe(request, samples, share) {
                 Ok(recipe) => recipe,
                 Err(refused) => {

@@ -25,8 +25,6 @@ const HOPELESS: f64 = 1.25;
 #[derive(Clone, Copy)]
 struct Learnt {
     rms: f64,
-    /// Of what samples add to the RMS: stages are tuned, so that what is more than expected comes from samples where there are any.
-    samples: f64,
     dark: f64,
     bytes: f64,
 }
@@ -53,13 +51,16 @@ pub(super) struct Choice<'a> {
     all: &'a [Candidate],
     request: Request,
     learnt: Vec<Learnt>,
+    /// What has been learnt of what samples add to the RMS, the same in all families: stages are tuned, so that what is more than expected
+    /// comes from samples where there are any.
+    of_samples: f64,
     tried: Vec<bool>,
 }
 
 impl<'a> Choice<'a> {
     pub(super) fn new(all: &'a [Candidate], request: &Request, families: usize) -> Self {
-        let learnt = vec![Learnt { rms: 1.0, samples: 1.0, dark: 1.0, bytes: 1.0 }; families];
-        Self { all, request: request.clone(), learnt, tried: vec![false; all.len()] }
+        let learnt = vec![Learnt { rms: 1.0, dark: 1.0, bytes: 1.0 }; families];
+        Self { all, request: request.clone(), learnt, of_samples: 1.0, tried: vec![false; all.len()] }
     }
 
     /// The next candidate to bake; none where nothing is expected to meet the request. Before anything was baked, an error that nobody
@@ -174,7 +175,7 @@ impl<'a> Choice<'a> {
         let learnt = self.learnt[candidate.family];
         let stages = candidate.forecast.rms;
         Ok((
-            learnt.rms * (learnt.samples * of_samples.rms + stages),
+            learnt.rms * (self.of_samples * of_samples.rms + stages),
             learnt.dark * (of_samples.dark + candidate.forecast.dark_over_rms * stages),
         ))
     }
@@ -210,7 +211,7 @@ impl<'a> Choice<'a> {
             .map(|samples| sampling.error_under_sharp_lights(samples))
             .transpose()?;
         let learnt = self.learnt[candidate.family];
-        let sharp = learnt.rms * (learnt.samples * sharp.unwrap_or_default().rms + candidate.forecast.rms);
+        let sharp = learnt.rms * (self.of_samples * sharp.unwrap_or_default().rms + candidate.forecast.rms);
         if sharp > share * request.max_rms {
             set(Some(sharp), too_large(sharp, request.max_rms, " RMS"));
             return Ok(false);
@@ -246,7 +247,7 @@ impl<'a> Choice<'a> {
         match of_samples {
             Some(of_samples) if of_samples > 0.0 => {
                 let beyond = attempt.error.rms / learnt.rms - candidate.forecast.rms;
-                learnt.samples = learnt.samples.max(beyond / of_samples);
+                self.of_samples = self.of_samples.max(beyond / of_samples);
             }
             _ => learnt.rms *= more,
         }

@@ -15,6 +15,7 @@ mod tests;
 mod truth;
 mod verdict;
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use translux_format::RawSection;
@@ -24,7 +25,7 @@ use self::choice::Choice;
 use self::lights::{Purpose, lights};
 pub use self::record::{Attempt, Considered, Expected, Left, Plan, SCHEMA, Timings};
 pub use self::request::{DEFAULT_MAX_RMS, Edits, Request};
-use self::truth::{Inside, Places, Sampling, TrueSums, Truth, judged_by_a_choice, telling};
+use self::truth::{Inside, Places, Sampling, TrueSums, Truth, samples_of_a_choice, telling};
 use self::verdict::{Verdict, misses};
 use crate::asset::{Asset, Provenance};
 use crate::compress::ledger::Ledger;
@@ -32,7 +33,6 @@ use crate::error::Result;
 use crate::evaluate::forecast::Body;
 use crate::evaluate::{Recipe, Registry, StageCache};
 use crate::geometry::samples::Samples;
-use crate::measure::exact_sums::true_samples;
 use crate::measure::probes::for_bake;
 use crate::progress::Progress;
 use crate::report::inspection::PLAN;
@@ -77,7 +77,7 @@ pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
     let started = Instant::now();
     let Prepared { all, families, mut plan, kernels, truth, mut sums } = prepared(request, scene, setting, progress)?;
     let request = &plan.request.clone();
-    let mut sampling = Sampling::new(scene, &kernels, (truth, sums.samples), &request.for_lights);
+    let mut sampling = Sampling::new(scene, &kernels, (truth, sums.samples), request);
     let mut choice = Choice::new(&all, request, families);
     let mut verdict: Option<Verdict> = None;
     let mut kept: Option<(Asset, f64)> = None;
@@ -90,7 +90,8 @@ pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
         plan.request.max_rms = choice.max_rms();
         let Some(candidate) = next.and_then(|index| all.get(index)) else { break };
         let baking = Instant::now();
-        let asset = candidate.recipe.bake(scene.clone(), setting.provenance.clone(), progress)?;
+        let (asset, evaluator) =
+            candidate.recipe.bake_and_open(scene.clone(), setting.provenance.clone(), progress)?;
         plan.timings.bake_s += baking.elapsed().as_secs_f64();
 
         let judging = Instant::now();
@@ -99,8 +100,8 @@ pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
             None => Verdict::new(&mut sums, (scene, request), candidate, &asset, progress)?,
         };
         let sizes = sizes(&asset.to_bytes()?)?;
-        let (attempt, relight_ms) =
-            judge.judge(setting.registry, (candidate, &asset, &sizes), &plan.request, progress)?;
+        let evaluator = evaluator.map_or_else(|| setting.registry.open(Arc::new(asset.clone())), Ok)?;
+        let (attempt, relight_ms) = judge.judge(evaluator, (candidate, &sizes), &plan.request, progress)?;
         verdict = Some(judge);
         plan.timings.verdict_s += judging.elapsed().as_secs_f64();
         choice.learn(candidate, &attempt, &mut plan.considered, &mut sampling)?;
@@ -129,7 +130,7 @@ pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
 /// Failures of the work.
 pub fn choose(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn Progress) -> Result<Option<Recipe>> {
     let Prepared { all, families, mut plan, kernels, truth, sums } = prepared(request, scene, setting, progress)?;
-    let mut sampling = Sampling::new(scene, &kernels, (truth, sums.samples), &request.for_lights);
+    let mut sampling = Sampling::new(scene, &kernels, (truth, sums.samples), request);
     let request = &plan.request.clone();
     let next = Choice::new(&all, request, families).next(&mut plan.considered, &mut sampling)?;
     Ok(next.and_then(|index| all.into_iter().nth(index)).map(|candidate| candidate.recipe))
@@ -155,9 +156,9 @@ fn prepared(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
     for lights in [&mut probes.tuning, &mut probes.unseen] {
         lights.retain(|light| request.for_lights.contains(&light.kind()));
     }
-    let seen = telling(lights(scene, &request.for_lights, Purpose::Choice)?, scene);
+    let seen = telling(lights(scene, &request.for_lights, Purpose::Choice)?, scene, request.model);
     let seen = (seen, Places::new(scene, PLACES, 0));
-    let samples = true_samples(scene, request.max_rms, judged_by_a_choice(scene, request.model));
+    let samples = samples_of_a_choice(scene, request.max_rms, request.model);
     for candidate in &mut all {
         candidate.recipe.settings.probes.clone_from(&probes);
         candidate.recipe.settings.kernels.clone_from(&kernels);

@@ -1,6 +1,5 @@
 //! The verdict on an asset: its error from end to end, at vertices and under lights that the choice did not see.
 
-use std::sync::Arc;
 use std::time::Instant;
 
 use super::candidates::Candidate;
@@ -10,7 +9,7 @@ use super::request::Request;
 use super::truth::{Places, TrueSums, Truth};
 use crate::asset::Asset;
 use crate::error::Result;
-use crate::evaluate::{Evaluator, Registry};
+use crate::evaluate::{Evaluator, Model};
 use crate::forms::gathered::model::sections_of;
 use crate::light::{Light, LightKind};
 use crate::math::statistics::VertexError;
@@ -29,8 +28,9 @@ const DIRECTIONS: std::ops::RangeInclusive<usize> = 4..=60;
 const LEAST_S: f64 = 0.7;
 const SHARE_OF_BAKE: f64 = 0.15;
 
-/// Seconds that the truth under one direction takes there, about.
+/// Seconds that the truth under one direction takes there, about: more where light moves.
 const TRUTH_S: f64 = 0.05;
+const TRUTH_MOVED_S: f64 = 0.2;
 
 /// Runs of which the fastest counts, where times are asked for.
 const RUNS: usize = 3;
@@ -53,7 +53,8 @@ impl Verdict {
     ) -> Result<Self> {
         let forecast = &candidate.forecast;
         let directional = forecast.relight_ms.iter().find(|(kind, _)| *kind == LightKind::Directional);
-        let each = directional.map_or(0.0, |(_, ms)| 1e-3 * ms) + TRUTH_S;
+        let truth_s = if request.model == Model::Dipole { TRUTH_S } else { TRUTH_MOVED_S };
+        let each = directional.map_or(0.0, |(_, ms)| 1e-3 * ms) + truth_s;
         let affordable = (SHARE_OF_BAKE * forecast.bake_s).max(LEAST_S) / each;
         let directions = (affordable as usize).clamp(*DIRECTIONS.start(), *DIRECTIONS.end());
         let lights = lights(scene, &request.for_lights, Purpose::Verdict { directions })?;
@@ -71,21 +72,21 @@ impl Verdict {
         candidate.forecast.erring_samples().unwrap_or(0) <= self.judges
     }
 
-    /// The error of an asset, what it misses of the request apart from times, and, where times are asked for, the milliseconds to
+    /// The error of the asset of an evaluator, what it misses of the request apart from times, and, where times are asked for, the milliseconds to
     /// new radiosity under the slowest kind of light.
     pub(super) fn judge(
         &self,
-        registry: &Registry,
-        (candidate, asset, sizes): (&Candidate, &Asset, &Sizes),
+        mut evaluator: Box<dyn Evaluator>,
+        (candidate, sizes): (&Candidate, &Sizes),
         request: &Request,
         progress: &dyn Progress,
     ) -> Result<(Attempt, Option<f64>)> {
-        let mut evaluator = registry.open(Arc::new(asset.clone()))?;
         let (mut worst, mut worst_light, mut largest) = (VertexError::default(), String::new(), -1.0);
         progress.start("verdict", self.truth.lights.len() as u64);
         for (index, light) in self.truth.lights.iter().enumerate() {
             evaluator.set_lights(vec![light.clone()], &Silent)?;
-            let error = self.truth.error(index, &evaluator.radiosity(&Silent)?);
+            let values = evaluator.radiosity_of(&self.truth.places.vertices, &Silent)?;
+            let error = self.truth.error(index, &values);
             if error.rms > largest {
                 (largest, worst_light) = (error.rms, name(light));
             }

@@ -1,6 +1,6 @@
 //! Points where radiosity is gathered: a receiver for each welded vertex of a part, in groups that lie close together.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -218,6 +218,32 @@ impl Receivers {
             }
         }
         result
+    }
+
+    /// The groups of some vertices, whole: what a group gathers is the same as among all. Place `i` is vertex `vertices[i]`.
+    pub fn groups_of(&self, vertices: &[u32]) -> Self {
+        let mut of_vertex: Vec<u32> =
+            vertices.iter().map(|&v| self.of_vertex.get(v as usize).copied().unwrap_or(NONE)).collect();
+        let wanted: BTreeSet<u32> = of_vertex.iter().copied().collect();
+        let mut result = Self::default();
+        // First receiver of each group that is kept, here and there.
+        let mut kept: Vec<(u32, u32)> = Vec::new();
+        for group in self.groups.iter().filter(|g| wanted.range(g.run.first..g.run.end).next().is_some()) {
+            let first = result.positions.len() as u32;
+            let all = group.run.range();
+            result.positions.extend(&self.positions[all.clone()]);
+            result.normals.extend(self.normals.get(all.clone()).into_iter().flatten());
+            result.factors.extend(self.factors.get(all).into_iter().flatten());
+            let run = Run { first, end: result.positions.len() as u32 };
+            result.groups.push(Group { run, part: group.part });
+            kept.push((group.run.first, first));
+        }
+        for receiver in of_vertex.iter_mut().filter(|receiver| **receiver != NONE) {
+            let (there, here) = kept[kept.partition_point(|(there, _)| there <= receiver) - 1];
+            *receiver += here;
+            *receiver -= there;
+        }
+        Self { of_vertex, ..result }
     }
 
     /// Values of the receivers handed to the source vertices; zero where a vertex has none.

@@ -19,7 +19,7 @@ use crate::evaluate::device::Device;
 use crate::evaluate::exitance::{Exitance, MeshPoint};
 use crate::evaluate::sampling_error::Sampled;
 use crate::evaluate::single_scattering::TowardsEye;
-use crate::evaluate::stages::worst_and_unseen;
+use crate::evaluate::stages::{probe_points, worst_and_unseen};
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, Refined, SingleScattering};
 use crate::forms::environment_rows::{StoredRows, by_rays, sampled};
 use crate::geometry::bvh::Bvh;
@@ -33,7 +33,7 @@ use crate::transport::calibration::Calibrated;
 use crate::transport::gather::{Gather, Lit, Scheme};
 use crate::transport::interreflection::InterReflection;
 use crate::transport::near_rule::NearField;
-use crate::transport::receivers::Receivers;
+use crate::transport::receivers::{NONE, Receivers};
 
 /// Receivers that share a traversal of the samples, where points anywhere are receivers.
 const GROUP: usize = 16;
@@ -80,6 +80,21 @@ impl Exitance for AtPoints<'_> {
 fn not_negative(mut values: Vec<DVec3>) -> Vec<DVec3> {
     values.iter_mut().for_each(|b| *b = b.max(DVec3::ZERO));
     values
+}
+
+impl GatheredEvaluator {
+    /// What all receivers gather over nets, if those have been made and resolve the kernels.
+    fn over_nets(&self) -> Option<Vec<DVec3>> {
+        let (nets, tables) = self.nets()?;
+        Some(nets.radiosity(&self.surface(), tables, self.sample_light(self.lit()), &self.receivers))
+    }
+
+    /// What receivers gather without nets, for the places or vertices that they are made of; there must have been
+    /// [`Self::tuned_scheme`].
+    fn summed(&self, receivers: &Receivers, progress: &dyn Progress) -> Vec<DVec3> {
+        let values = self.with_gather(|gather, lit| gather.radiosity(receivers, lit, self.scheme(), progress));
+        receivers.expand(&not_negative(values))
+    }
 }
 
 impl Evaluator for GatheredEvaluator {
@@ -175,17 +190,25 @@ impl Evaluator for GatheredEvaluator {
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         self.irradiance(progress)?;
-        self.prepare_nets(progress);
-        let values = match self.nets() {
-            Some((nets, tables)) => {
-                nets.radiosity(&self.surface(), tables, self.sample_light(self.lit()), &self.receivers)
-            }
-            None => {
-                let scheme = self.tuned_scheme();
-                self.with_gather(|gather, lit| gather.radiosity(&self.receivers, lit, scheme, progress))
-            }
-        };
-        Ok(self.receivers.expand(&not_negative(values)))
+        self.prepare_nets(None, progress);
+        if let Some(values) = self.over_nets() {
+            return Ok(self.receivers.expand(&not_negative(values)));
+        }
+        self.tuned_scheme();
+        Ok(self.summed(&self.receivers, progress))
+    }
+
+    fn radiosity_of(&mut self, vertices: &[u32], progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        self.irradiance(progress)?;
+        let receiver = |vertex: &u32| self.receivers.of_vertex.get(*vertex as usize).copied().unwrap_or(NONE);
+        let asked: Vec<u32> = vertices.iter().map(receiver).collect();
+        self.prepare_nets(Some(&asked), progress);
+        if let Some(values) = self.over_nets() {
+            let values = not_negative(values);
+            return Ok(asked.iter().map(|&r| values.get(r as usize).copied().unwrap_or_default()).collect());
+        }
+        self.tuned_scheme();
+        Ok(self.summed(&self.receivers.groups_of(vertices), progress))
     }
 
     fn prepare_points(&mut self, progress: &dyn Progress) -> Result<()> {
@@ -251,7 +274,8 @@ impl Evaluator for GatheredEvaluator {
         if let Some(single) = self.single {
             single.enter_noise(self.lit_scene(), &mut ledger)?;
         }
-        self.prepare_nets(progress);
+        let (_, probes) = probe_points(&self.receivers, &self.areas);
+        self.prepare_nets(Some(&probes.indices), progress);
         if self.nets().is_none() {
             self.tuned_scheme();
         }

@@ -305,13 +305,10 @@ impl GatheredEvaluator {
         self.rows.as_ref().is_some_and(|rows| rows.have(light, &self.scene.media))
     }
 
-    /// Makes the nets and tables of [`Self::nets`], where radiosity is summed over nets.
-    pub fn prepare_nets(&mut self, progress: &dyn Progress) {
+    /// Makes the nets and tables of [`Self::nets`], where radiosity is summed over nets: for some of the receivers, or for all.
+    pub fn prepare_nets(&mut self, asked: Option<&[u32]>, progress: &dyn Progress) {
         let Some(mut nets) = self.nets.take() else { return };
-        if nets.prepared().is_none() {
-            let (surface, kernels) = (self.surface(), self.kernels_in_force());
-            nets.prepare(&surface, &self.receivers, &kernels, progress);
-        }
+        nets.prepare(&self.surface(), (&self.receivers, asked), || self.kernels_in_force(), progress);
         self.nets = Some(nets);
     }
 
@@ -366,19 +363,23 @@ impl Nets {
     fn prepare(
         &mut self,
         surface: &Surface,
-        receivers: &Receivers,
-        (kernels, of_part): &(Vec<MediumKernel>, Vec<Option<u32>>),
+        (receivers, asked): (&Receivers, Option<&[u32]>),
+        kernels: impl FnOnce() -> KernelsOfParts,
         progress: &dyn Progress,
     ) {
         let quality = self.quality;
         let nets = self.nets.get_or_insert_with(|| {
             progress.start("nets", 0);
-            let nets = SurfaceNets::new(surface, receivers, quality);
+            let nets = SurfaceNets::at_some(surface, receivers, quality, asked);
             progress.finish();
             nets
         });
-        if self.tables.is_none() && nets.resolve((kernels, of_part)) {
-            self.tables = Some(nets.tables(surface, receivers, (kernels, of_part)));
+        nets.ask(surface, receivers, asked);
+        if self.tables.is_none() {
+            let (kernels, of_part) = kernels();
+            if nets.resolve((&kernels, &of_part)) {
+                self.tables = Some(nets.tables(surface, receivers, (&kernels, &of_part)));
+            }
         }
     }
 

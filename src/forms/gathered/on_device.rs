@@ -63,7 +63,7 @@ impl GatheredOnDevice {
     /// Brings the kernels in force to the device.
     fn set_kernels(&mut self) -> Result<()> {
         let Self { cpu, device, buffers, nets, hierarchy, .. } = self;
-        cpu.prepare_nets(&Silent);
+        cpu.prepare_nets(None, &Silent);
         if cpu.nets().is_some() {
             match nets {
                 Some(nets) => nets.set_tables(cpu, device, buffers)?,

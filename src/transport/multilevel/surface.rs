@@ -239,10 +239,11 @@ impl SurfaceNets {
     }
 
     /// [`Self::new`] where the radiosity of some receivers alone is asked for.
-    fn at_some(surface: &Surface, receivers: &Receivers, quality: Quality, asked: Option<&[u32]>) -> Self {
+    pub fn at_some(surface: &Surface, receivers: &Receivers, quality: Quality, asked: Option<&[u32]>) -> Self {
         let asked = asked.map(|asked| {
             let mut asked = asked.to_vec();
             asked.sort_unstable();
+            asked.dedup();
             asked
         });
         let centres: Vec<DVec3> = surface.patches.iter().map(|p| p.centre_mm).collect();
@@ -293,14 +294,38 @@ impl SurfaceNets {
         Part { part, groups: runs, samples, receivers: range, nets, near, extent_mm, doubled: Mutex::default() }
     }
 
+    /// Asks for the radiosity of some receivers, or of all, beside that of those that were asked for.
+    pub fn ask(&mut self, surface: &Surface, receivers: &Receivers, asked: Option<&[u32]>) {
+        let Some(known) = &self.asked else { return };
+        let all = asked.map(|asked| {
+            let mut all = [known.as_slice(), asked].concat();
+            all.sort_unstable();
+            all.dedup();
+            all
+        });
+        if all.as_ref() != Some(known) {
+            self.asked = all;
+            self.find_near(surface, receivers);
+        }
+    }
+
     /// Sets another quality; nets and spacing stay.
     fn set_quality(&mut self, surface: &Surface, receivers: &Receivers, quality: Quality) {
         let softens = quality.softening != self.quality.softening;
         self.quality = Quality { spacing: self.quality.spacing, ..quality };
+        if softens {
+            for part in &mut self.parts {
+                let spacing_mm = part.nets.resolution.spacing_mm;
+                part.nets.soften(softening(quality, part.samples.len(), part.extent_mm, spacing_mm));
+            }
+            self.find_near(surface, receivers);
+        }
+    }
+
+    /// Finds the samples near the receivers that are asked for.
+    fn find_near(&mut self, surface: &Surface, receivers: &Receivers) {
         let asked = self.asked.as_deref();
-        for part in self.parts.iter_mut().filter(|_| softens) {
-            let spacing_mm = part.nets.resolution.spacing_mm;
-            part.nets.soften(softening(quality, part.samples.len(), part.extent_mm, spacing_mm));
+        for part in &mut self.parts {
             let centres: Vec<DVec3> = surface.patches[part.samples.clone()].iter().map(|p| p.centre_mm).collect();
             let positions = &receivers.positions[part.receivers.clone()];
             let is_asked = |run: &Run| is_asked(asked, of_all(&part.receivers, run));
