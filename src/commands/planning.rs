@@ -164,6 +164,9 @@ pub(super) fn bake(
             "nothing reaches {default} here, and {reached} was taken in its place: --max-rms says what is needed"
         ));
     }
+    if request.model != Model::Dipole && plan.request.model == Model::Dipole {
+        console.warn("no part is closed: all keep their dipoles, which need no volume");
+    }
     for part in asset.iter().flat_map(uncalibrated) {
         console.warn(&format!("part `{part}` is not closed: it keeps its dipole, which needs no volume"));
     }

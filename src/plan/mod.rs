@@ -31,7 +31,7 @@ use crate::asset::{Asset, Provenance};
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
 use crate::evaluate::forecast::Body;
-use crate::evaluate::{Recipe, Registry, StageCache};
+use crate::evaluate::{Model, Recipe, Registry, StageCache};
 use crate::geometry::samples::Samples;
 use crate::measure::probes::for_bake;
 use crate::progress::Progress;
@@ -39,6 +39,7 @@ use crate::report::inspection::PLAN;
 use crate::report::sizes::{Sizes, sizes};
 use crate::report::text::{percent, significant};
 use crate::scene::Scene;
+use crate::transport::calibration::any_is_closed;
 
 /// Vertices at which the choice measures.
 const PLACES: usize = 128;
@@ -147,8 +148,11 @@ struct Prepared {
 }
 
 fn prepared(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn Progress) -> Result<Prepared> {
-    let Inside { kernels, walks, error } = Inside::new(request.model, scene, progress)?;
-    let request = &request.beside(error);
+    // What no walk could calibrate is planned as what it will be.
+    let closed = request.model == Model::Dipole || any_is_closed(scene.domain());
+    let model = if closed { request.model } else { Model::Dipole };
+    let Inside { kernels, walks, error } = Inside::new(model, scene, progress)?;
+    let request = &Request { model, ..request.beside(error) };
     let found = Candidates::new(setting.registry, request, scene, (mesh_bytes(scene)?, setting.max_memory));
     let Candidates { mut all, considered, families } = found;
     let plan = Plan::new(request, (Body::of(scene), error), considered);

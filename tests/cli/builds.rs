@@ -98,7 +98,7 @@ fn strict_is_one_rule() {
         ("ball", "--method all_frequency --samples 150 --set coefficients=1 --max-rms 1%"),
         ("spare", "--method two_pass --samples 150"),
         ("cube", "--method two_pass --samples 150"),
-        ("cube", "--for-lights directional"),
+        ("cube", "--for-lights directional --model dipole"),
     ] {
         let bake = format!("bake {model}.obj --unit mm --material skin1 {rest} -o a.tlux");
         folder.write("a.tlux", "precious");
