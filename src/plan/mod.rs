@@ -91,8 +91,7 @@ pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
         plan.request.max_rms = choice.max_rms();
         let Some(candidate) = next.and_then(|index| all.get(index)) else { break };
         let baking = Instant::now();
-        let (asset, evaluator) =
-            candidate.recipe.bake_and_open(scene.clone(), setting.provenance.clone(), progress)?;
+        let (asset, evaluator) = candidate.recipe.bake_and_open(scene.clone(), setting.provenance.clone(), progress)?;
         plan.timings.bake_s += baking.elapsed().as_secs_f64();
 
         let judging = Instant::now();

@@ -29,7 +29,8 @@ fn kept(plan: &Value) -> (&Value, &Value) {
 #[test]
 fn a_bake_without_a_method_meets_its_request_and_says_how_it_chose() {
     let folder = folder();
-    let bake = "bake ball.obj --unit mm --material marble --for-lights directional,constant --max-rms 1%";
+    let bake = "bake ball.obj --unit mm --material marble --for-lights directional,constant --max-rms 1% \
+                --model dipole";
     let report = folder.run(&format!("{bake} -o a.tlux --report a.json --json")).ok().json();
     let made = plan(&folder, "a.json");
     assert_eq!(made["schema"], "translux.plan.v1");
@@ -52,8 +53,7 @@ fn a_bake_without_a_method_meets_its_request_and_says_how_it_chose() {
     // A light that neither choice nor verdict saw.
     let light = "--light directional:from=-0.2,0.4,0.9:irradiance=2";
     folder.run(&format!("evaluate a.tlux {light} -o a.ply")).ok();
-    let calibrated = "reference ball.obj --unit mm --material marble --model calibrated --no-measure -o truth.ply";
-    folder.run(&format!("{calibrated} {light}")).ok();
+    folder.run(&format!("reference ball.obj --unit mm --material marble {light} --no-measure -o truth.ply")).ok();
     folder.run("compare a.ply truth.ply --metric rms --fail-above 1%").ok();
     let text = folder.run("inspect a.tlux").ok().text();
     for sentence in [
@@ -76,7 +76,7 @@ fn a_bake_without_a_method_meets_its_request_and_says_how_it_chose() {
 #[test]
 fn small_meshes_get_small_assets() {
     let folder = folder();
-    // Samples are what a cube pays for: light that goes over an edge enters within a free path of it, which kernels that are calibrated know.
+    // Samples are what a cube pays for: light that goes over an edge enters within a free path of it, which calibrated kernels know.
     for (model, most) in [("dipole", 10_000), ("calibrated", 200_000)] {
         let bake = "bake cube.obj --unit mm --material marble --for-lights directional --report p.json -o a.tlux -q";
         folder.run(&format!("{bake} --model {model}")).ok();
@@ -88,9 +88,32 @@ fn small_meshes_get_small_assets() {
 }
 
 #[test]
+fn kernels_are_calibrated_unless_a_method_is_named_or_no_part_is_closed() {
+    let folder = Folder::new();
+    let mut bowl = shapes::icosphere(3.0, 2);
+    bowl.triangles.retain(|corners| corners.iter().all(|&c| bowl.positions[c as usize].y < 1.0));
+    folder.obj("ball.obj", &shapes::icosphere(3.0, 2)).obj("bowl.obj", &bowl);
+    for (options, calibrated) in [
+        ("ball.obj --max-rms 5%", true),
+        ("bowl.obj --max-rms 5%", false),
+        ("ball.obj --max-rms 5% --model dipole", false),
+        ("ball.obj --method two_pass --samples 200", false),
+    ] {
+        let bake = format!("bake {options} --unit mm --material skin1 --for-lights directional -o a.tlux --json");
+        let done = folder.run(&bake).ok();
+        let (report, inspected) = (done.json(), folder.run("inspect a.tlux --json").ok().json());
+        assert_eq!(inspected["provenance"]["settings"]["model"] == "calibrated", calibrated, "{options}: {inspected}");
+        if !report["plan"].is_null() {
+            assert_eq!(report["plan"]["model"], if calibrated { "calibrated" } else { "dipole" }, "{options}");
+        }
+        assert_eq!(done.stderr.contains("no part is closed"), options.starts_with("bowl"), "{}", done.stderr);
+    }
+}
+
+#[test]
 fn what_cannot_be_met_is_6_and_says_what_would_meet_it() {
     let folder = folder();
-    let bake = "bake ball.obj --unit mm --material marble --for-lights directional";
+    let bake = "bake ball.obj --unit mm --material marble --for-lights directional --model dipole";
     let missed = &["the request is not met", "What would meet it", "bytes/vertex"];
     folder.run(&format!("{bake} --max-bytes-per-vertex 0.5 --report p.json -o none.tlux")).fails(6, missed);
     let made = plan(&folder, "p.json");
