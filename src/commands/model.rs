@@ -16,6 +16,7 @@ use crate::import::{FAULT_NOTE, ImportOptions, Imported, Source};
 use crate::measure::between_vertices::between_vertices;
 use crate::medium::inversion::Reflector;
 use crate::report::text::{percent, significant};
+use crate::transport::calibration::any_is_closed;
 
 /// Error between vertices from which on it is told.
 const WORTH_A_WARNING: f64 = 0.05;
@@ -79,11 +80,17 @@ impl ModelArgs {
     }
 }
 
-/// Makes a scene of a source, and prints warnings and notes.
+/// Makes a scene of a source, and prints warnings and notes. Colours are inverted through dipoles where no part is closed, which keep theirs.
 pub(super) fn import(mut source: Source, options: &ImportOptions, console: &Console) -> Result<Imported> {
     // Before the import, which may fail for what they tell.
     std::mem::take(&mut source.model.warnings).iter().for_each(|warning| console.warn(warning));
+    let again = (options.materials.reflector == Reflector::Volume).then(|| source.clone());
     let mut imported = source.import(options, console)?;
+    let has_looks = !(imported.looks.is_empty() && imported.from_file.is_empty());
+    if let Some(source) = again.filter(|_| has_looks && !any_is_closed(imported.scene.domain())) {
+        let materials = MaterialChoice { reflector: Reflector::default(), ..options.materials.clone() };
+        imported = source.import(&ImportOptions { materials, ..options.clone() }, console)?;
+    }
     if let Some(choice) = imported.origin.notes.last().filter(|_| imported.check.components > 1) {
         console.note(choice);
     }

@@ -108,6 +108,16 @@ fn kernels_are_calibrated_unless_a_method_is_named_or_no_part_is_closed() {
         }
         assert_eq!(done.stderr.contains("no part is closed"), options.starts_with("bowl"), "{}", done.stderr);
     }
+    // A colour is that of the kernel that the body gets.
+    let media = |model: &str, rest: &str| {
+        let look = "--color #e8c4b0 --radius-mm 0.7 --unit mm --max-rms 5% --for-lights directional -o a.tlux -q";
+        folder.run(&format!("bake {model}.obj {look} {rest}")).ok();
+        let report = folder.run("inspect a.tlux --json").ok().json();
+        assert!(report["media"].as_array().is_some_and(|media| media.len() == 1), "{report}");
+        report["media"].clone()
+    };
+    assert_eq!(media("bowl", ""), media("bowl", "--model dipole"));
+    assert_ne!(media("ball", ""), media("ball", "--model dipole"));
 }
 
 #[test]
