@@ -99,7 +99,7 @@ fn row(
             cells.push(biases.join(" "));
         }
     }
-    assert_eq!(scene.mesh.local_mm.len(), body.calibrated.of_vertices().len());
+    assert_eq!(scene.mesh.local_mm.len(), body.calibrated.lattice.of_vertex.len());
     Ok((cells, worst))
 }
 

@@ -132,7 +132,7 @@ impl<'a> SampledScene<'a> {
     }
 
     fn calibrated(mut self, calibrated: Arc<Calibrated>) -> Self {
-        self.receivers = self.receivers.with_factors(&calibrated.of_vertices());
+        self.receivers = calibrated.at_vertices(self.receivers);
         let model = CalibratedSamples::new(calibrated, &self.surface());
         model.entry.prepare(&self.surface());
         self.model = Some(model);

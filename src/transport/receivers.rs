@@ -160,6 +160,18 @@ impl Receivers {
         self
     }
 
+    /// The same receivers with other unit normals, one for each of the places or vertices that they are made of; zero leaves what there is.
+    #[must_use]
+    pub fn with_normals(mut self, of_places: &[DVec3]) -> Self {
+        self.normals.resize(self.len(), DVec3::ZERO);
+        for (receiver, normal) in self.of_vertex.iter().zip(of_places).filter(|(_, normal)| **normal != DVec3::ZERO) {
+            if let Some(of_receiver) = self.normals.get_mut(*receiver as usize) {
+                *of_receiver = *normal;
+            }
+        }
+        self
+    }
+
     /// The factor of a receiver, RGB.
     #[inline(always)]
     pub(super) fn factor(&self, receiver: usize) -> DVec3 {

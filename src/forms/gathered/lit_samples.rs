@@ -146,10 +146,11 @@ impl GatheredEvaluator {
 
     /// Gives the receivers the factors of the calibrated kernels in force, none where there are none.
     pub(super) fn factor_receivers(&mut self) {
-        match self.calibrated().map(Calibrated::of_vertices) {
-            Some(factors) => self.receivers = std::mem::take(&mut self.receivers).with_factors(&factors),
-            None => self.receivers.factors.clear(),
-        }
+        let receivers = std::mem::take(&mut self.receivers);
+        self.receivers = match self.calibrated() {
+            Some(calibrated) => calibrated.at_vertices(receivers),
+            None => Receivers { factors: Vec::new(), ..receivers },
+        };
     }
 
     /// Drops what rests on the kernels that were in force: light enters as far from where it meets the surface as they say.

@@ -426,10 +426,14 @@ impl Calibrated {
         slots.into_iter().zip(weights).map(|(slot, weight)| weight * of(slot)).sum()
     }
 
-    /// The factor of each source vertex, RGB.
-    pub fn of_vertices(&self) -> Vec<DVec3> {
-        let of = |slot: &u32| self.scale.get(*slot as usize).copied().unwrap_or(DVec3::ONE);
-        self.lattice.of_vertex.iter().map(of).collect()
+    /// Receivers at the vertices with their factors, and with the normals that these were solved for: where long edges are cut, a corner's
+    /// is that of the pieces around it, which may be far from that of its triangles.
+    pub fn at_vertices(&self, receivers: Receivers) -> Receivers {
+        let of = |values: &[DVec3], none: DVec3| -> Vec<DVec3> {
+            self.lattice.of_vertex.iter().map(|&slot| values.get(slot as usize).copied().unwrap_or(none)).collect()
+        };
+        let [factors, normals] = [of(&self.scale, DVec3::ONE), of(&self.lattice.normal, DVec3::ZERO)];
+        receivers.with_factors(&factors).with_normals(&normals)
     }
 }
 

@@ -68,7 +68,7 @@ impl<'a> CalibratedSurface<'a> {
         let (bvh, cut) = rayon::join(|| Bvh::new(domain.mesh), || Cut::new(domain, samples));
         let calibrated = Calibrated::new(domain, &bvh, told, progress)?;
         let of_samples = calibrated.of_samples(&cut.surface(domain, &bvh));
-        let receivers = Receivers::new(domain.mesh, domain.parts, GROUP).with_factors(&calibrated.of_vertices());
+        let receivers = calibrated.at_vertices(Receivers::new(domain.mesh, domain.parts, GROUP));
         Ok(Self { domain, bvh, cut, receivers, calibrated, of_samples })
     }
 

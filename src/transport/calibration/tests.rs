@@ -33,6 +33,22 @@ fn some_layers() -> Layers {
     Layers { splines, single, double }
 }
 
+/// A slab of 12 triangles, whose large faces would say alone how the normals of its corners stand: its vertices gather what points of the
+/// surface there do.
+#[test]
+fn corners_of_long_triangles_gather_what_the_surface_does_there() {
+    let scene = Fixture::new(shapes::cuboid(DVec3::new(20.0, 1.0, 20.0), 1), named("skin1"), 1).scene;
+    let domain = scene.domain();
+    let calibrated = Calibrated::by_walks(domain, &Bvh::new(&scene.mesh), Walks::default(), &Silent).unwrap();
+    let receivers = calibrated.at_vertices(Receivers::new(&scene.mesh, &scene.parts, 16));
+    for (triangle, corners) in scene.mesh.triangles.iter().enumerate() {
+        let receiver = receivers.of_vertex[corners[0] as usize] as usize;
+        let there = calibrated.normal_at(triangle as u32, [0.0, 0.0]);
+        assert!(receivers.normals[receiver].distance(there) < 1e-9, "{} {there}", receivers.normals[receiver]);
+        assert!(receivers.factors[receiver].distance(calibrated.at(triangle as u32, [0.0, 0.0])) < 1e-9);
+    }
+}
+
 #[test]
 fn splines_are_a_partition_of_one_at_any_distance() {
     let splines = Splines::new(0.3, 40.0, 1.5);
@@ -328,7 +344,7 @@ fn weights_of_many_lights_hold_layers_and_the_factors_of_both_ends() {
     let (least, most) = factors.iter().fold((f64::INFINITY, 0.0f64), |(a, b), f| (a.min(f.y), b.max(f.y)));
     assert!(most > 1.1 * least, "{least} {most}");
     let gather = Gather::calibrated(&surface, &fixture.tree, (&calibrated.kernels, &factors), NearField::FAST);
-    let receivers = fixture.receivers(16).with_factors(&calibrated.of_vertices());
+    let receivers = calibrated.at_vertices(fixture.receivers(16));
     let areas = vec![1.0; receivers.len()];
     let apart: Vec<u32> = (0..receivers.len() as u32).step_by(17).collect();
     let even = vec![DVec3::ONE; factors.len()];

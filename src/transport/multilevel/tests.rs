@@ -136,7 +136,7 @@ fn double_layers_are_summed_over_nets_of_their_own() {
         let surface = fixture.surface();
         let walks = Walks { photons: 20_000, ..Walks::default() };
         let calibrated = Calibrated::by_walks(surface.domain, surface.bvh, walks, &Silent).unwrap();
-        let receivers = fixture.receivers(16).with_factors(&calibrated.of_vertices());
+        let receivers = calibrated.at_vertices(fixture.receivers(16));
         let factors = calibrated.of_samples(&surface);
         let (irradiance, pieces) = lit(&fixture, DVec3::new(1.0, 0.5, 0.3));
         let areas = vec![1.0; receivers.len()];
