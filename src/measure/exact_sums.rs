@@ -15,7 +15,7 @@ pub(crate) const MOST_SAMPLES: usize = 1 << 20;
 
 /// Samples of the truth over those of what is judged, up to a number of the latter, and beyond it. The error of samples that are not
 /// clusters of triangles goes with their inverse number, so that twice as many tell half of it at least.
-pub(crate) const FINER: usize = 4;
+const FINER: usize = 4;
 const FINER_UP_TO: usize = 1 << 15;
 pub(crate) const FINER_BEYOND: usize = 2;
 

@@ -130,8 +130,8 @@ pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
 /// Failures of the work.
 pub fn choose(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn Progress) -> Result<Option<Recipe>> {
     let Prepared { all, families, mut plan, kernels, truth, sums } = prepared(request, scene, setting, progress)?;
-    let mut sampling = Sampling::new(scene, &kernels, (truth, sums.samples), request);
     let request = &plan.request.clone();
+    let mut sampling = Sampling::new(scene, &kernels, (truth, sums.samples), request);
     let next = Choice::new(&all, request, families).next(&mut plan.considered, &mut sampling)?;
     Ok(next.and_then(|index| all.into_iter().nth(index)).map(|candidate| candidate.recipe))
 }
@@ -148,8 +148,8 @@ struct Prepared {
 
 fn prepared(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn Progress) -> Result<Prepared> {
     // What no walk could calibrate is planned as what it will be.
-    let closed = request.model == Model::Dipole || any_is_closed(scene.domain());
-    let model = if closed { request.model } else { Model::Dipole };
+    let has_volume = request.model != Model::Dipole && any_is_closed(scene.domain());
+    let model = if has_volume { request.model } else { Model::Dipole };
     let Inside { kernels, walks, error } = Inside::new(model, scene, progress)?;
     let request = &Request { model, ..request.beside(error) };
     let found = Candidates::new(setting.registry, request, scene, (mesh_bytes(scene)?, setting.max_memory));

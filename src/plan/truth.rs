@@ -16,9 +16,7 @@ use crate::forms::gathered::{Bound, Far, Gathered};
 use crate::geometry::samples::Samples;
 use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
-use crate::measure::exact_sums::{
-    ALL_PAIRS, FINER, FINER_BEYOND, MOST_SAMPLES, TRUE_RAYS, is_soft, true_samples, under_soft_light,
-};
+use crate::measure::exact_sums::{ALL_PAIRS, FINER_BEYOND, MOST_SAMPLES, is_soft, true_samples, under_soft_light};
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::irradiance::LightSampling;
@@ -33,22 +31,14 @@ const CLUSTERS_UNDER_SOFT_LIGHT: f64 = 3.0;
 /// inverse number, of which the root is counted.
 const MOST_UNDER_SOFT_LIGHT: usize = 1 << 13;
 
-/// Number of samples whose error a choice measures; that of more is what falls of it with the root of their number. Of dipoles a few for
-/// each triangle: their error drops where samples are triangles no more. That of calibrated kernels is where light first scatters, which is
-/// finer than triangles or coarser.
-pub(super) fn judged_by_a_choice(scene: &Scene, model: Model) -> usize {
-    match model {
-        Model::Dipole => (scene.mesh.triangles.len() / 2 * 3).max(1 << 14),
-        Model::Calibrated(_) => 1 << 13,
-    }
-}
-
-/// Number of samples of the truth of a choice: where light moves, no more for meshes of many triangles.
+/// Number of samples of the truth of a choice. Of dipoles it tells the error of a few for each triangle, which drops where samples are
+/// clusters of triangles no more. Where light moves, errors are those of where it first scatters, which is finer than triangles or coarser:
+/// that of one number of samples is measured, and others follow ([`over_measured`]).
 pub(super) fn samples_of_a_choice(scene: &Scene, max_rms: f64, model: Model) -> usize {
-    let judged = judged_by_a_choice(scene, model);
+    const MEASURED: usize = 1 << 14;
     match model {
-        Model::Dipole => true_samples(scene, max_rms, judged),
-        Model::Calibrated(_) => FINER * judged,
+        Model::Dipole => true_samples(scene, max_rms, (scene.mesh.triangles.len() / 2 * 3).max(MEASURED)),
+        Model::Calibrated(_) => FINER_BEYOND * MEASURED,
     }
 }
 
@@ -226,8 +216,12 @@ impl TrueSums {
             Some(sums) => sums,
             None => {
                 let samples = if apart { under_soft } else { self.samples };
-                let sampling = LightSampling { points_per_patch: TRUE_RAYS.points_per_patch, ..rays };
-                of_kind.insert(Sums::new(&self.scene, samples, &Gathered { sampling, ..ALL_PAIRS }, &self.kernels)?)
+                of_kind.insert(Sums::new(
+                    &self.scene,
+                    samples,
+                    &Gathered { sampling: rays, ..ALL_PAIRS },
+                    &self.kernels,
+                )?)
             }
         };
         sums.at(light, places)

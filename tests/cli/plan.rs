@@ -100,7 +100,9 @@ fn kernels_are_calibrated_unless_a_method_is_named_or_no_part_is_closed() {
         ("ball.obj --method two_pass --samples 200", false),
     ] {
         let bake = format!("bake {options} --unit mm --material skin1 --for-lights directional -o a.tlux --json");
+        let foreseen = folder.run(&format!("{bake} --dry-run")).ok().json();
         let done = folder.run(&bake).ok();
+        assert_eq!(foreseen["method"], done.json()["method"], "{options}");
         let (report, inspected) = (done.json(), folder.run("inspect a.tlux --json").ok().json());
         assert_eq!(inspected["provenance"]["settings"]["model"] == "calibrated", calibrated, "{options}: {inspected}");
         if !report["plan"].is_null() {
