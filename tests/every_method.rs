@@ -105,7 +105,7 @@ fn asset(method: &dyn Method, scene: &Scene, samples: usize) -> Asset {
 enum Shared {
     /// `group(2)`.
     Group,
-    /// `head(3, "marble")`.
+    /// `head(2, "marble")`.
     Head,
 }
 
@@ -113,19 +113,24 @@ impl Shared {
     fn scene(self) -> Scene {
         match self {
             Self::Group => group(2),
-            Self::Head => head(3, "marble"),
+            Self::Head => head(2, "marble"),
         }
     }
 
-    /// Those of every shared bake: few.
-    const SAMPLES: usize = 3000;
+    /// Few.
+    fn samples(self) -> usize {
+        match self {
+            Self::Group => 3000,
+            Self::Head => SAMPLES,
+        }
+    }
 
     fn asset(self, method: &dyn Method) -> Arc<Asset> {
         type Key = (Shared, &'static str, Vec<&'static str>);
         static BAKED: Mutex<BTreeMap<Key, Arc<OnceLock<Arc<Asset>>>>> = Mutex::new(BTreeMap::new());
         let key = (self, method.name(), method.keys().iter().map(|k| k.default()).collect());
         let slot = Arc::clone(BAKED.lock().unwrap().entry(key).or_default());
-        Arc::clone(slot.get_or_init(|| Arc::new(asset(method, &self.scene(), Self::SAMPLES))))
+        Arc::clone(slot.get_or_init(|| Arc::new(asset(method, &self.scene(), self.samples()))))
     }
 
     fn baked(self, method: &dyn Method) -> Box<dyn Evaluator> {
@@ -137,6 +142,18 @@ impl Shared {
 fn reopened(asset: &Asset) -> Box<dyn Evaluator> {
     let asset = Asset::from_bytes(&asset.to_bytes().unwrap()).unwrap();
     registry().open(Arc::new(asset)).unwrap()
+}
+
+/// Bakes for one kind of light.
+fn baked_for(kind: LightKind, method: &dyn Method, scene: &Scene, samples: usize) -> Box<dyn Evaluator> {
+    let settings = BakeSettings {
+        samples: Some(samples),
+        for_lights: [kind].into(),
+        probes: in_memory::probes(&scene.mesh),
+        ..BakeSettings::new(method.default_max_rms())
+    };
+    let recipe = method.recipe(&short(method), settings).unwrap();
+    reopened(&recipe.bake(scene.clone(), Provenance::default(), &Silent).unwrap())
 }
 
 fn baked(method: &dyn Method, scene: &Scene, samples: usize) -> Box<dyn Evaluator> {
@@ -217,7 +234,7 @@ fn the_measured_error_sees_shadow_boundaries() {
     let light = &every_light(&scene)[1];
     let truth = Truth::new(&scene).under(light);
     for method in every().into_iter().filter(|method| method.kinds().contains(&light.kind())) {
-        let mut evaluator = baked(method, &scene, SAMPLES);
+        let mut evaluator = baked_for(light.kind(), method, &scene, SAMPLES);
         let values = lit(evaluator.as_mut(), vec![light.clone()]);
         let found = vertex_error(&values, &truth.0, &vertex_areas(&scene)).rms;
         let promised = promise(evaluator.as_mut());
@@ -246,8 +263,7 @@ fn compare_with_reference(scene: &Scene, mut open: impl FnMut(&dyn Method) -> Bo
 
 #[test]
 fn radiosity_is_that_of_the_reference() {
-    let scene = head(2, "marble");
-    compare_with_reference(&scene, |method| baked(method, &scene, SAMPLES));
+    compare_with_reference(&Shared::Head.scene(), |method| Shared::Head.baked(method));
 }
 
 /// Through a file that is moved to an empty folder and removed before the light comes.
@@ -394,16 +410,15 @@ fn evaluators_have_no_memory() {
 
 #[test]
 fn every_published_material_is_within_its_promise() {
-    let scene = head(2, "marble");
+    let scene = Shared::Head.scene();
     let light = &every_light(&scene)[1];
     let mut truth = Truth::new(&scene);
     for method in every() {
-        let mut fixed = Shared::Head.baked(method);
-        if fixed.capabilities().material == MaterialEdit::None {
-            assert_eq!(fixed.set_media(vec![medium("skin1")]).unwrap_err().code(), ExitCode::Unsupported);
+        let mut evaluator = Shared::Head.baked(method);
+        if evaluator.capabilities().material == MaterialEdit::None {
+            assert_eq!(evaluator.set_media(vec![medium("skin1")]).unwrap_err().code(), ExitCode::Unsupported);
             continue;
         }
-        let mut evaluator = baked(method, &scene, SAMPLES);
         lit(evaluator.as_mut(), vec![light.clone()]);
         for preset in &PRESETS {
             let media = vec![medium(preset.name)];
@@ -427,7 +442,7 @@ fn an_edit_gives_what_a_bake_gives() {
         }
         for material in ["skin1", "ketchup"] {
             let of_material = Scene { media: vec![medium(material)], ..scene.clone() };
-            let mut fresh = baked(method, &of_material, Shared::SAMPLES);
+            let mut fresh = baked(method, &of_material, Shared::Head.samples());
             edited.set_media(vec![medium(material)]).unwrap();
             let (mine, theirs) = (lit(edited.as_mut(), lights.clone()), lit(fresh.as_mut(), lights.clone()));
             let found = vertex_error(&mine, &theirs, &vertex_areas(&scene)).rms;
@@ -525,20 +540,8 @@ fn keys_mean_what_they_say() {
 fn other_lights_than_baked_for_are_as_good_or_refused() {
     let scene = Shared::Head.scene();
     for method in every() {
-        let probes = in_memory::probes(&scene.mesh);
-        let for_lights = [LightKind::Directional].into();
-        let settings = BakeSettings {
-            samples: Some(Shared::SAMPLES),
-            for_lights,
-            probes,
-            ..BakeSettings::new(method.default_max_rms())
-        };
-        let one = method
-            .recipe(&short(method), settings)
-            .unwrap()
-            .bake(scene.clone(), Provenance::default(), &Silent)
-            .unwrap();
-        let (mut one, mut all) = (reopened(&one), Shared::Head.baked(method));
+        let mut one = baked_for(LightKind::Directional, method, &scene, Shared::Head.samples());
+        let mut all = Shared::Head.baked(method);
         for light in served(method, &every_light_but(LightKind::Spot, &scene)) {
             let what = format!("{}, {}", method.name(), light.kind().name());
             if let Err(error) = one.set_lights(vec![light.clone()], &Silent) {

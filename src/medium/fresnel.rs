@@ -138,19 +138,102 @@ pub fn boundary_a(eta_inside_over_outside: f64, fit: BoundaryFit) -> f64 {
 /// Number of cells of the table of [`CosineTransmittance`].
 const CELLS: usize = 128;
 
-/// Gauss points of a part of a cell: with 128 cells the integral is exact to 1e-12 of the whole.
-const PARTIAL_ORDER: usize = 5;
+/// Nodes of a cell, at which its polynomial is `F_t mu`: with 128 cells the integral is exact to 1e-11 of the whole.
+const NODES: usize = 8;
 
-/// Step of Newton's method below which the iteration ends: its square is below rounding.
-const LAST_STEP: f64 = 1e-9;
+/// Step of Newton's method, over the width of a cell, below which the iteration ends: its square is below rounding.
+const LAST_STEP: f64 = 1e-8;
 
 /// Entrance cosines with a density proportional to `F_t(eta, mu) mu`: constant light that is sampled by it has
 /// the same weight for every sample.
 #[derive(Clone, Debug)]
 pub struct CosineTransmittance {
     eta: f64,
-    /// Cell borders as cosines on the side of the smaller index, from 0 to 1; and `Int_0^mu F_t mu dmu` at each.
-    borders: Vec<(f64, f64)>,
+    /// Cells of the cosine on the side of the smaller index, from 0 to 1.
+    cells: Vec<Cell>,
+}
+
+/// Cosines from `left` on, `t` in [0, 1] over a width.
+#[derive(Clone, Copy, Debug)]
+struct Cell {
+    left: f64,
+    width: f64,
+    /// `Int_0^mu F_t mu dmu` at both ends.
+    below: f64,
+    above: f64,
+    /// Coefficients of `F_t mu dmu/dt`, a polynomial in `t` from its constant on.
+    density: [f64; NODES],
+    /// Those of its integral from 0 to `t` over `t`.
+    integral: [f64; NODES],
+}
+
+impl Cell {
+    fn new(dense: f64, left: f64, right: f64, below: f64) -> Self {
+        let width = right - left;
+        let slope = |mu: f64| transmittance(dense, mu) * mu;
+        let mut density = interpolated(|t| width * slope(left + width * t));
+        if left == 0.0 {
+            // Nothing enters at grazing angles, and the smallest targets lie there.
+            density[0] = 0.0;
+        }
+        let mut integral = density;
+        integral.iter_mut().enumerate().for_each(|(power, coefficient)| *coefficient /= (power + 1) as f64);
+        let above = below + integrate_with(gauss_legendre_cached(16), left, right, slope);
+        Self { left, width, below, above, density, integral }
+    }
+
+    /// The cosine below which the integral is `target`, by Newton's method inside a bracket.
+    fn cosine(&self, target: f64) -> f64 {
+        let wanted = (target - self.below).max(0.0);
+        // The start takes the density for linear in the cell.
+        let (first, last) = (self.density[0].max(0.0), polynomial(&self.density, 1.0));
+        let root = (first * first + 2.0 * (last - first) * wanted).max(0.0).sqrt();
+        let mut t = (2.0 * wanted / (first + root).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..60 {
+            let excess = t * polynomial(&self.integral, t) - wanted;
+            if excess > 0.0 {
+                high = t;
+            } else {
+                low = t;
+            }
+            let newton = t - excess / polynomial(&self.density, t).max(f64::MIN_POSITIVE);
+            let next = if newton >= low && newton <= high { newton } else { 0.5 * (low + high) };
+            let step = (next - t).abs();
+            t = next;
+            if step <= LAST_STEP * t {
+                break;
+            }
+        }
+        self.left + self.width * t
+    }
+}
+
+/// A polynomial, its constant first.
+#[inline(always)]
+fn polynomial(coefficients: &[f64; NODES], t: f64) -> f64 {
+    coefficients.iter().rev().fold(0.0, |sum, coefficient| sum * t + coefficient)
+}
+
+/// The polynomial on [0, 1] that has the values of a function at the Chebyshev nodes.
+fn interpolated(function: impl Fn(f64) -> f64) -> [f64; NODES] {
+    let node = |i: usize| 0.5 - 0.5 * (std::f64::consts::PI * (i as f64 + 0.5) / NODES as f64).cos();
+    let nodes: [f64; NODES] = std::array::from_fn(node);
+    let mut divided = nodes.map(function);
+    for order in 1..NODES {
+        for i in (order..NODES).rev() {
+            divided[i] = (divided[i] - divided[i - 1]) / (nodes[i] - nodes[i - order]);
+        }
+    }
+    // Horner's rule over Newton's form, in coefficients.
+    let mut coefficients = [0.0; NODES];
+    for i in (0..NODES).rev() {
+        for power in (1..NODES).rev() {
+            coefficients[power] = coefficients[power - 1] - nodes[i] * coefficients[power];
+        }
+        coefficients[0] = divided[i] - nodes[i] * coefficients[0];
+    }
+    coefficients
 }
 
 impl CosineTransmittance {
@@ -160,21 +243,19 @@ impl CosineTransmittance {
         let eta = if valid { eta_inside_over_outside } else { 1.0 };
         let dense = if eta < 1.0 { 1.0 / eta } else { eta };
         let k = ((dense - 1.0) * (dense + 1.0)).sqrt();
-        let mut borders = vec![(0.0, 0.0)];
+        let mut cells: Vec<Cell> = Vec::new();
         if k > 0.0 {
             let span = (1.0 / k).asinh();
-            let (mut left, mut sum) = (0.0, 0.0);
             for cell in 1..=CELLS {
+                let (left, below) = cells.last().map_or((0.0, 0.0), |last| (last.left + last.width, last.above));
                 let fraction = cell as f64 / CELLS as f64;
                 let right = if cell == CELLS { 1.0 } else { (k * (span * fraction).sinh()).min(1.0) };
-                sum += integrate_with(gauss_legendre_cached(16), left, right, |mu| transmittance(dense, mu) * mu);
-                borders.push((right, sum));
-                left = right;
+                cells.push(Cell::new(dense, left, right, below));
             }
         } else {
-            borders.push((1.0, 0.5));
+            cells.push(Cell::new(1.0, 0.0, 1.0, 0.0));
         }
-        Self { eta, borders }
+        Self { eta, cells }
     }
 
     /// The index ratio of the table.
@@ -189,7 +270,7 @@ impl CosineTransmittance {
 
     /// `Int_0^1 F_t mu dmu` of the dense side.
     fn half(&self) -> f64 {
-        self.borders.last().map_or(0.5, |border| border.1)
+        self.cells.last().map_or(0.5, |cell| cell.above)
     }
 
     /// `C = 2 Int_0^1 F_t(eta, mu) mu dmu`, as [`diffuse_transmittance`].
@@ -212,39 +293,14 @@ impl CosineTransmittance {
         }
     }
 
-    /// Solves `Int_0^mu F_t mu dmu = target` on the dense side, by Newton's method inside a bracket.
+    /// Solves `Int_0^mu F_t mu dmu = target` on the dense side.
     fn dense_cosine(&self, target: f64) -> f64 {
-        let eta = self.dense();
-        if eta == 1.0 {
+        if self.dense() == 1.0 {
             return (2.0 * target).sqrt().min(1.0);
         }
-        let upper = self.borders.partition_point(|border| border.1 < target).clamp(1, self.borders.len() - 1);
-        let ((left, below), (right, above)) = (self.borders[upper - 1], self.borders[upper]);
-        if target >= above {
-            return right;
-        }
-        let slope = |mu: f64| transmittance(eta, mu) * mu;
-        let wanted = (target - below).max(0.0);
-        // The start takes the density for linear in the cell.
-        let (first, last, width) = (slope(left), slope(right), right - left);
-        let root = (first * first + 2.0 * (last - first) * wanted / width).max(0.0).sqrt();
-        let mut mu = (left + 2.0 * wanted / (first + root).max(f64::MIN_POSITIVE)).clamp(left, right);
-        let (mut low, mut high) = (left, right);
-        for _ in 0..60 {
-            let excess = integrate_with(gauss_legendre_cached(PARTIAL_ORDER), left, mu, slope) - wanted;
-            if excess > 0.0 {
-                high = mu;
-            } else {
-                low = mu;
-            }
-            let newton = mu - excess / slope(mu).max(f64::MIN_POSITIVE);
-            let next = if newton >= low && newton <= high { newton } else { 0.5 * (low + high) };
-            if (next - mu).abs() <= LAST_STEP * mu {
-                return next;
-            }
-            mu = next;
-        }
-        mu
+        let cell = self.cells.partition_point(|cell| cell.above < target).min(self.cells.len() - 1);
+        let cell = &self.cells[cell];
+        if target >= cell.above { cell.left + cell.width } else { cell.cosine(target).min(1.0) }
     }
 }
 

@@ -4,6 +4,8 @@
 //! against its distance and the depth of the real source, because R_d is smooth on the scale of sqrt(d^2 + z_r^2). The
 //! patch under the receiver is never skipped.
 
+use std::ops::Range;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -11,7 +13,7 @@ use super::irradiance::Pieces;
 use super::kernel::double_layer::Moment;
 use super::kernel::medium::{KernelsOfParts, MediumKernel};
 use super::kernel::{Block, FlatSource, PointSource};
-use super::near_rule::{NearField, near_square, three_points};
+use super::near_rule::{NearField, SMOOTH_BELOW, near_square, three_points};
 use super::receivers::{Group, Receivers, Sphere};
 use super::sample_light::SampleLight;
 use super::surface::Surface;
@@ -53,8 +55,6 @@ pub struct Gather<'a> {
     /// Factors of the samples, RGB; empty where there are none.
     factors: &'a [DVec3],
     near: NearField,
-    /// Whether what is near some of the receivers of a wide group is summed for each alone.
-    one_by_one: bool,
     level: InstructionSet,
 }
 
@@ -77,20 +77,26 @@ pub enum Source {
     Patch(u32),
 }
 
-/// Sources that one group of receivers sees.
+/// Sources that one group of receivers sees, and their sums.
 #[derive(Default)]
 pub(in crate::transport) struct Lists {
+    sources: Sources,
+    block: Block,
+    /// Of a wide group: what is near some of its receivers, and what each has of that, gathered alone.
+    around: Around,
+    alone: Vec<DVec3>,
+}
+
+/// Points and triangles that are summed together.
+#[derive(Default)]
+struct Sources {
     points: Vec<PointSource>,
     /// Moments of the points, for kernels with a double layer.
     moments: Vec<Moment>,
     flats: Vec<FlatSource>,
-    block: Block,
-    /// Of receivers that are far apart: what is near some of them, and what each has of that, gathered alone.
-    around: Vec<u32>,
-    alone: Vec<DVec3>,
 }
 
-impl Lists {
+impl Sources {
     /// Adds a point, a piece of surface with a normal; `layers` where the kernel has a double layer.
     fn add(&mut self, layers: bool, (at_mm, flux, normal): (DVec3, DVec3, DVec3), centre_mm: DVec3) {
         self.points.push(PointSource::new(at_mm, flux, centre_mm));
@@ -98,6 +104,34 @@ impl Lists {
             self.moments.push(Moment::of_facet(flux, normal));
         }
     }
+
+    fn clear(&mut self) {
+        self.points.clear();
+        self.moments.clear();
+        self.flats.clear();
+    }
+
+    /// Adds some of other sources, by their points and their triangles.
+    fn extend(&mut self, other: &Self, [points, flats]: [Range<usize>; 2]) {
+        self.points.extend_from_slice(&other.points[points.clone()]);
+        if !other.moments.is_empty() {
+            self.moments.extend_from_slice(&other.moments[points]);
+        }
+        self.flats.extend_from_slice(&other.flats[flats]);
+    }
+
+    /// Numbers of points and triangles.
+    fn lens(&self) -> [usize; 2] {
+        [self.points.len(), self.flats.len()]
+    }
+}
+
+/// Samples near some receivers of a group: their points, with the sign turned, and their triangles, as the group sees them.
+#[derive(Default)]
+struct Around {
+    sources: Sources,
+    /// Each sample, and where its points and its triangles end.
+    samples: Vec<(u32, [usize; 2])>,
 }
 
 impl<'a> Gather<'a> {
@@ -124,16 +158,7 @@ impl<'a> Gather<'a> {
         (kernels, of_part): (Vec<MediumKernel>, Vec<Option<u32>>),
         near: NearField,
     ) -> Self {
-        Self {
-            surface: *surface,
-            tree,
-            kernels,
-            of_part,
-            factors: &[],
-            near,
-            one_by_one: false,
-            level: InstructionSet::detect(),
-        }
+        Self { surface: *surface, tree, kernels, of_part, factors: &[], near, level: InstructionSet::detect() }
     }
 
     /// A gather with calibrated kernels, and which of them each part has; `factors` are those of the samples, RGB.
@@ -144,12 +169,6 @@ impl<'a> Gather<'a> {
         near: NearField,
     ) -> Self {
         Self { factors, ..Self::with_kernels_of_parts(surface, tree, kernels.clone(), near) }
-    }
-
-    /// The same for receivers that may be far apart: what is near some of a group is no nearer than it is to each.
-    #[must_use]
-    pub fn one_by_one(self) -> Self {
-        Self { one_by_one: true, ..self }
     }
 
     /// Prepares the tree for one irradiance per sample, RGB.
@@ -196,10 +215,9 @@ impl<'a> Gather<'a> {
         progress.start("transfer", receivers.len() as u64);
         let mut result = vec![DVec3::ZERO; receivers.len()];
         let jobs = receivers.groups.par_iter().zip(receivers.cut(&mut result, 1));
-        // Wider groups would share more of what is near than a receiver alone has.
-        let narrow_mm = if self.one_by_one { self.near.exact_below * self.mean_radius_mm() } else { f64::INFINITY };
+        let narrow_mm = self.near.narrow_mm(self.surface.patches);
         jobs.for_each_init(Lists::default, |lists, (group, out)| {
-            let is_wide = self.one_by_one && receivers.sphere(*group).radius_mm > narrow_mm;
+            let is_wide = receivers.sphere(*group).radius_mm > narrow_mm;
             self.group(receivers, *group, lit, (scheme, is_wide), lists);
             for (i, value) in out.iter_mut().enumerate() {
                 let sum = lists.block.sum(i) + lists.alone.get(i).copied().unwrap_or_default();
@@ -252,17 +270,17 @@ impl<'a> Gather<'a> {
             match source {
                 Source::Cluster(index) => {
                     let Cluster { centre_mm, flux, .. } = lit.clusters[index as usize];
-                    lists.points.push(PointSource::new(centre_mm, DVec3::ONE, sphere.centre_mm));
+                    lists.sources.points.push(PointSource::new(centre_mm, DVec3::ONE, sphere.centre_mm));
                     if let Some(moment) = lit.moments.get(index as usize) {
                         let of = |c: usize| if flux[c] > 0.0 { moment[c] / flux[c] } else { DVec3::ZERO };
-                        lists.moments.push(Moment::new([of(0), of(1), of(2)]));
+                        lists.sources.moments.push(Moment::new([of(0), of(1), of(2)]));
                     }
                 }
                 Source::Patch(index) if lit.light.irradiance(index as usize) == DVec3::ZERO => return,
                 Source::Patch(index) => {
                     let (index, layered) = (index as usize, medium.layers().is_some());
                     let how = (self.pieces(index, medium, &sphere), layered, sphere.centre_mm);
-                    self.add(index, DVec3::ONE, None, how, lists);
+                    self.add(index, DVec3::ONE, None, how, &mut lists.sources);
                 }
             }
             self.drain(medium, lists, 0);
@@ -295,10 +313,9 @@ impl<'a> Gather<'a> {
     fn begin(&self, receivers: &Receivers, group: Group, lists: &mut Lists) -> Option<(usize, &MediumKernel, Sphere)> {
         let sphere = receivers.sphere(group);
         lists.block.reset(sphere.centre_mm, receivers.of(group));
-        lists.points.clear();
-        lists.moments.clear();
-        lists.flats.clear();
-        lists.around.clear();
+        lists.sources.clear();
+        lists.around.sources.clear();
+        lists.around.samples.clear();
         lists.alone.clear();
         let part = group.part as usize;
         Some((part, self.medium(part)?, sphere))
@@ -319,46 +336,57 @@ impl<'a> Gather<'a> {
             Source::Cluster(index) => {
                 let cluster = &lit.clusters[index as usize];
                 let flux = lit.light.scaled(cluster.flux);
-                lists.points.push(PointSource::new(cluster.centre_mm, flux, sphere.centre_mm));
+                lists.sources.points.push(PointSource::new(cluster.centre_mm, flux, sphere.centre_mm));
                 if layered && let Some(moment) = lit.moments.get(index as usize) {
-                    lists.moments.push(Moment::new(moment.map(|m| lit.light.scaled(m))));
+                    lists.sources.moments.push(Moment::new(moment.map(|m| lit.light.scaled(m))));
                 }
             }
-            Source::Patch(index) => {
-                let index = index as usize;
+            Source::Patch(patch) => {
+                let index = patch as usize;
+                let e = lit.light.irradiance(index);
                 let pieces = match self.pieces(index, medium, &sphere) {
-                    Pieced::Triangles if is_wide => {
-                        lists.around.push(index as u32);
+                    Pieced::Triangles if is_wide && self.is_smooth(index, medium) => {
+                        let Around { sources, samples } = &mut lists.around;
+                        for (pieces, sign) in [(Pieced::Points, -1.0), (Pieced::Triangles, 1.0)] {
+                            let how = (pieces, layered, sphere.centre_mm);
+                            self.add(index, sign * e, Some((&lit.light, sign)), how, sources);
+                        }
+                        samples.push((patch, sources.lens()));
                         Pieced::Points
                     }
                     pieces => pieces,
                 };
-                let e = lit.light.irradiance(index);
-                self.add(index, e, Some((&lit.light, 1.0)), (pieces, layered, sphere.centre_mm), lists);
+                let how = (pieces, layered, sphere.centre_mm);
+                self.add(index, e, Some((&lit.light, 1.0)), how, &mut lists.sources);
                 self.drain(medium, lists, 4096);
             }
         });
         self.drain(medium, lists, 0);
-        if lists.around.is_empty() {
+        if lists.around.samples.is_empty() {
             return;
         }
         let (around, together) = (std::mem::take(&mut lists.around), std::mem::take(&mut lists.block));
         for receiver in receivers.of(group) {
             let place = Sphere { centre_mm: receiver.at_mm, radius_mm: 0.0 };
-            lists.block.reset(place.centre_mm, std::iter::once(receiver));
-            for index in around.iter().map(|&index| index as usize) {
-                if self.pieces(index, medium, &place) == Pieced::Triangles {
-                    // In the place of the points.
-                    for (pieces, sign) in [(Pieced::Points, -1.0), (Pieced::Triangles, 1.0)] {
-                        let e = sign * lit.light.irradiance(index);
-                        self.add(index, e, Some((&lit.light, sign)), (pieces, layered, place.centre_mm), lists);
-                    }
+            lists.block.reset(sphere.centre_mm, std::iter::once(receiver));
+            let mut from = [0, 0];
+            for &(patch, to) in &around.samples {
+                // Triangles in the place of the points.
+                if self.pieces(patch as usize, medium, &place) == Pieced::Triangles {
+                    lists.sources.extend(&around.sources, [from[0]..to[0], from[1]..to[1]]);
                 }
+                from = to;
             }
             self.drain(medium, lists, 0);
             lists.alone.push(lists.block.sum(0));
         }
         (lists.around, lists.block) = (around, together);
+    }
+
+    /// Whether a patch as points and its facets may cancel in single precision, wherever the receiver is: points of patches that are
+    /// large beside the depth of the sources are many times as bright below them as the patch is.
+    fn is_smooth(&self, index: usize, medium: &MediumKernel) -> bool {
+        self.surface.patches[index].radius_mm < SMOOTH_BELOW * medium.smooth_mm()
     }
 
     /// What a patch is summed as by receivers in a sphere.
@@ -373,11 +401,6 @@ impl<'a> Gather<'a> {
         } else {
             Pieced::Triangles
         }
-    }
-
-    /// Mean radius of the patches, mm.
-    fn mean_radius_mm(&self) -> f64 {
-        self.surface.patches.iter().map(|patch| patch.radius_mm).sum::<f64>() / self.surface.patches.len().max(1) as f64
     }
 
     fn visit(
@@ -397,20 +420,21 @@ impl<'a> Gather<'a> {
 
     /// Runs the kernels over the lists if they hold more than `limit` sources.
     fn drain(&self, medium: &MediumKernel, lists: &mut Lists, limit: usize) {
-        if lists.points.len() > limit {
+        let Lists { sources: Sources { points, moments, flats }, block, .. } = lists;
+        if points.len() > limit {
             match medium.layers() {
-                Some(layers) => layers.add_points(self.level, &mut lists.block, &lists.points, &lists.moments),
-                None => medium.add_points(self.level, &mut lists.block, &lists.points),
+                Some(layers) => layers.add_points(self.level, block, points, moments),
+                None => medium.add_points(self.level, block, points),
             }
-            lists.points.clear();
-            lists.moments.clear();
+            points.clear();
+            moments.clear();
         }
-        if lists.flats.len() > limit {
+        if flats.len() > limit {
             match medium.layers() {
-                Some(layers) => layers.add_triangles(self.level, &mut lists.block, &lists.flats),
-                None => medium.add_triangles(self.level, &mut lists.block, &lists.flats),
+                Some(layers) => layers.add_triangles(self.level, block, flats),
+                None => medium.add_triangles(self.level, block, flats),
             }
-            lists.flats.clear();
+            flats.clear();
         }
     }
 
@@ -452,21 +476,21 @@ impl<'a> Gather<'a> {
         self.kernels.get((*self.of_part.get(part)?)? as usize)
     }
 
-    /// Adds one patch of an irradiance to the lists, and its pieces under a light, times a sign.
+    /// Adds one patch of an irradiance to some sources, and its pieces under a light, times a sign.
     fn add(
         &self,
         index: usize,
         e: DVec3,
         light: Option<(&SampleLight, f64)>,
         (pieces, layered, centre): (Pieced, bool, DVec3),
-        lists: &mut Lists,
+        sources: &mut Sources,
     ) {
         if e == DVec3::ZERO {
             return;
         }
         let patch = &self.surface.patches[index];
         if pieces == Pieced::Whole {
-            lists.add(layered, (patch.centre_mm, e * patch.area_mm2, patch.cross_mm2 / patch.area_mm2), centre);
+            sources.add(layered, (patch.centre_mm, e * patch.area_mm2, patch.cross_mm2 / patch.area_mm2), centre);
             return;
         }
         let exact = pieces == Pieced::Triangles;
@@ -474,11 +498,11 @@ impl<'a> Gather<'a> {
         for (deviation, corners) in uneven.into_iter().flat_map(|(of, sign)| of.map(move |(d, at)| (sign * d, at))) {
             let corners = corners.map(|c| patch.centre_mm + glam::Vec3::from_array(c).as_dvec3());
             if exact {
-                lists.flats.extend(FlatSource::new(corners, deviation.as_vec3().to_array(), centre));
+                sources.flats.extend(FlatSource::new(corners, deviation.as_vec3().to_array(), centre));
             } else {
                 // A piece is small where its sample is three points.
                 let flux = deviation * samples::area(corners);
-                lists.add(
+                sources.add(
                     layered,
                     (corners.iter().sum::<DVec3>() / 3.0, flux, patch.cross_mm2 / patch.area_mm2),
                     centre,
@@ -488,11 +512,11 @@ impl<'a> Gather<'a> {
         for facet in self.surface.samples.patch(index) {
             let corners = facet.corners_local_mm(self.surface.domain.mesh);
             if exact {
-                lists.flats.extend(FlatSource::new(corners, e.as_vec3().to_array(), centre));
+                sources.flats.extend(FlatSource::new(corners, e.as_vec3().to_array(), centre));
             } else {
                 let (points, third) = three_points(corners);
                 let normal = if layered { self.surface.domain.mesh.normal(facet.triangle) } else { DVec3::ZERO };
-                points.iter().for_each(|&at| lists.add(layered, (at, e * third, normal), centre));
+                points.iter().for_each(|&at| sources.add(layered, (at, e * third, normal), centre));
             }
         }
     }

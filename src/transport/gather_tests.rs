@@ -227,7 +227,7 @@ fn receivers_that_are_far_apart_are_summed_together_as_alone() {
         let some = receivers.only(&apart, capacity);
         let widest = some.groups.iter().map(|group| some.sphere(*group).radius_mm).fold(0.0, f64::max);
         assert_eq!(widest > 3.0, capacity > 1);
-        let gather = Gather::new(&surface, &fixture.tree, &fixture.scene.media, near).one_by_one();
+        let gather = Gather::new(&surface, &fixture.tree, &fixture.scene.media, near);
         gather.radiosity(&some, &gather.light(&e), Scheme::AllPairs, &Silent)
     };
     let truth = sums(NearField::REFERENCE, 1);

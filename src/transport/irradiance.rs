@@ -108,8 +108,8 @@ struct Bundle {
 }
 
 impl Bundle {
-    fn push(&mut self, p: &SurfacePoint, direction: DVec3, gain: DVec3) {
-        self.rays.push(p.shadow_ray(direction, f64::INFINITY));
+    fn push(&mut self, p: &SurfacePoint, (direction, distance): (DVec3, f64), gain: DVec3) {
+        self.rays.push(p.shadow_ray(direction, distance));
         self.skip.push(p.triangle);
         self.gains.push(gain);
     }
@@ -327,23 +327,9 @@ impl<'a> Illumination<'a> {
             Prepared::Constant { radiance } => *radiance * self.constant(medium, patch, points, bundle),
             // Sharp lights come in bundles of many patches.
             Prepared::Directional { .. } | Prepared::Point { .. } => DVec3::ZERO,
-            Prepared::Area(light) => self.area(light, eta, patch, points),
+            Prepared::Area(light) => self.area(light, eta, patch, points, bundle),
             Prepared::Environment(strata) => self.environment(strata, eta, patch, points, bundle),
         }
-    }
-
-    /// F_t cos of one direction, zero in shadow.
-    fn direct(&self, p: &SurfacePoint, to_light: DVec3, distance: f64, eta: f64) -> f64 {
-        let cosine = p.normal.dot(to_light);
-        if cosine <= 0.0 {
-            return 0.0;
-        }
-        let arriving = fresnel::transmittance(eta, cosine) * cosine;
-        if arriving > 0.0 && self.visible(p, to_light, distance) { arriving } else { 0.0 }
-    }
-
-    fn visible(&self, p: &SurfacePoint, direction: DVec3, distance: f64) -> bool {
-        !self.surface.bvh.occluded(&p.shadow_ray(direction, distance), p.triangle)
     }
 
     /// Int V F_t cos: directions with density F_t cos, so that only visibility varies.
@@ -356,30 +342,32 @@ impl<'a> Illumination<'a> {
             let p = &points[(k as usize / RUN + patch) % points.len()];
             let mu = entrance.sample_entrance_cosine((radical_inverse_2(k) + turn_u).fract());
             let azimuth = TAU * (f64::from(k) + turn_v) / f64::from(count);
-            bundle.push(p, around(p.normal, mu, azimuth), gain);
+            bundle.push(p, (around(p.normal, mu, azimuth), f64::INFINITY), gain);
         }
         PI * entrance.diffuse_transmittance() * bundle.trace(self.surface.bvh).x
     }
 
-    fn area(&self, light: &Rectangle, eta: f64, patch: usize, points: &[SurfacePoint]) -> DVec3 {
+    fn area(&self, light: &Rectangle, eta: f64, patch: usize, points: &[SurfacePoint], bundle: &mut Bundle) -> DVec3 {
         let side = self.sampling.area_side;
-        let mut total = 0.0;
         for (index, p) in points.iter().enumerate() {
             let Some(rectangle) = light.seen_from(p.at) else { continue };
-            let mut sum = 0.0;
-            let mut cells = 0;
-            for cell in (index as u32..side * side).step_by(points.len()) {
+            let cells = (index as u32..side * side).step_by(points.len());
+            let share = rectangle.solid_angle() / (cells.len().max(1) * points.len()) as f64;
+            for cell in cells {
                 let key = patch as u64 * u64::from(side * side) + u64::from(cell);
                 let s = (f64::from(cell % side) + uniform(STAGE_AREA, key, 0)) / f64::from(side);
                 let t = (f64::from(cell / side) + uniform(STAGE_AREA, key, 1)) / f64::from(side);
                 let to_light = rectangle.sample(s, t) - p.at;
                 let distance = to_light.length();
-                sum += self.direct(p, to_light / distance.max(f64::MIN_POSITIVE), distance, eta);
-                cells += 1;
+                let direction = to_light / distance.max(f64::MIN_POSITIVE);
+                let cosine = p.normal.dot(direction);
+                if cosine > 0.0 {
+                    let gain = share * fresnel::transmittance(eta, cosine) * cosine;
+                    bundle.push(p, (direction, distance), DVec3::splat(gain));
+                }
             }
-            total += sum * rectangle.solid_angle() / f64::from(cells.max(1));
         }
-        light.radiance * (total / points.len() as f64)
+        light.radiance * bundle.trace(self.surface.bvh)
     }
 
     fn environment(
@@ -398,7 +386,8 @@ impl<'a> Illumination<'a> {
                 let Candidate { direction, weight } = stratum.candidates[(shift ^ k) & (CANDIDATES - 1)];
                 let cosine = p.normal.dot(direction);
                 if cosine > 0.0 {
-                    bundle.push(p, direction, weight * (share * fresnel::transmittance(eta, cosine) * cosine));
+                    let gain = weight * (share * fresnel::transmittance(eta, cosine) * cosine);
+                    bundle.push(p, (direction, f64::INFINITY), gain);
                 }
             };
             if stratum.bright {

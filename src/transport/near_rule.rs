@@ -8,7 +8,7 @@
 use glam::DVec3;
 
 use crate::error::{Error, Result};
-use crate::geometry::samples;
+use crate::geometry::samples::{self, Patch};
 
 /// Squared distance (mm^2) below which a kernel that is smooth inside a depth (mm) changes over less than `length_mm`; may be negative.
 #[inline(always)]
@@ -38,6 +38,10 @@ pub const PIECE_IS_POINT: f32 = 3.0;
 /// shape, and side by side they would be twice as many with every cut.
 pub const SLIVER: f32 = 0.15;
 
+/// Radius of a patch over the depth of the shallowest source below which its points, at their brightest some ten times
+/// the patch, cost no digits that are needed: receivers of a wide group may have them less the facets.
+pub const SMOOTH_BELOW: f64 = 8.0;
+
 /// Splits of a facet at most.
 pub const MOST_SPLITS: u32 = 16;
 
@@ -57,6 +61,12 @@ pub struct NearField {
 }
 
 impl NearField {
+    /// Radius of a group of receivers, mm, above which its receivers would share more of what is near than each has alone.
+    pub fn narrow_mm(&self, patches: &[Patch]) -> f64 {
+        let sum: f64 = patches.iter().map(|patch| patch.radius_mm).sum();
+        self.exact_below * sum / patches.len().max(1) as f64
+    }
+
     /// Refuses settings out of range.
     ///
     /// # Errors

@@ -47,9 +47,20 @@ struct Settings {
     pieces: u32,
     // The number of receivers where their normals and then their factors follow the places, else 0.
     oriented: u32,
+    // Radius of a group of receivers, mm, above which each has the rule of its own distance.
+    narrow: f32,
     padding0: u32,
     padding1: u32,
-    padding2: u32,
+}
+
+// Whether a near sample is integrated in closed form for a receiver at an offset, as in transport/gather.rs.
+fn is_exact(reach2: f32, offset: vec3<f32>, radius: f32, smooth2: f32, group_radius: f32) -> bool {
+    let exact = settings.exact_below * radius;
+    if reach2 >= exact * exact {
+        return false;
+    }
+    let alone = group_radius > settings.narrow && radius * radius < SMOOTH_BELOW2 * smooth2;
+    return !alone || dot(offset, offset) + smooth2 < exact * exact;
 }
 
 @group(0) @binding(0) var<uniform> settings: Settings;

@@ -16,7 +16,7 @@ use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::kernel::radial_table::{RadialTable, Rgb};
 use crate::transport::near_field::Corners;
 use crate::transport::near_rule::{
-    MOST_SPLITS, NearField, PIECE_IS_POINT, SIX_POINTS, SLIVER, THREE_BEYOND, THREE_POINTS,
+    MOST_SPLITS, NearField, PIECE_IS_POINT, SIX_POINTS, SLIVER, SMOOTH_BELOW, THREE_BEYOND, THREE_POINTS,
 };
 use crate::transport::receivers::Receivers;
 use crate::transport::sample_light::SampleLight;
@@ -51,6 +51,7 @@ const THREE_BEYOND2: f32 = {:?};
 const PIECE_IS_POINT2: f32 = {:?};
 const MOST_SPLITS: u32 = {MOST_SPLITS}u;
 const SLIVER: f32 = {SLIVER:?};
+const SMOOTH_BELOW2: f32 = {:?};
 ",
         three.0,
         three.1,
@@ -60,6 +61,7 @@ const SLIVER: f32 = {SLIVER:?};
         outer.1,
         THREE_BEYOND * THREE_BEYOND,
         PIECE_IS_POINT * PIECE_IS_POINT,
+        SMOOTH_BELOW * SMOOTH_BELOW,
         workgroup = RECEIVERS * SLICES,
     );
     [&numbers, include_str!("kernel.wgsl"), text].concat()
@@ -104,7 +106,8 @@ struct GpuSettings {
     terms: u32,
     pieces: u32,
     oriented: u32,
-    padding: [u32; 3],
+    narrow_mm: f32,
+    padding: [u32; 2],
 }
 
 #[repr(C)]
@@ -200,7 +203,8 @@ impl SurfaceBuffers {
             terms: *terms as u32,
             pieces: 0,
             oriented: 0,
-            padding: [0; 3],
+            narrow_mm: near.narrow_mm(patches) as f32,
+            padding: [0; 2],
         };
         let patch = |(index, patch): (usize, &Patch)| GpuPatch {
             centre: patch.centre_mm.as_vec3().to_array(),

@@ -221,7 +221,7 @@ impl Evaluator for GatheredEvaluator {
         let lit = self.irradiance.is_some() && (self.outside.is_none() || self.returned.is_some());
         let tuned = matches!(self.gathering.far, Far::AllPairs) || self.limit.is_some();
         (lit && tuned).then(|| {
-            let gather = self.gather(&self.surface(), self.gathering.near).one_by_one();
+            let gather = self.gather(&self.surface(), self.gathering.near);
             let (irradiance, pieces) = self.lit();
             let lit = gather.light_with_pieces(irradiance, pieces);
             let exitance = AtPoints {

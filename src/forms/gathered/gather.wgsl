@@ -25,8 +25,8 @@ fn of_patch(job: u32, medium: u32, index: u32, at: vec3<f32>) -> vec3<f32> {
     if reach2 >= three * three {
         return irradiance[index].xyz * (patches[index].area * reflectance(medium, dot(offset, offset)));
     }
-    let exact = settings.exact_below * patches[index].radius;
-    return close_patch(medium, index, offset, reach2 < exact * exact);
+    let exact = is_exact(reach2, offset, patches[index].radius, media[medium].smooth2, jobs[job].radius);
+    return close_patch(medium, index, offset, exact);
 }
 
 @compute @workgroup_size(WORKGROUP)

@@ -149,7 +149,8 @@ fn of_patch(job: u32, kernel: u32, index: u32, at: vec3<f32>) -> vec3<f32> {
     let own = patches[index].normal;
     let radius = patches[index].radius;
     let distance = max(length(centre - jobs[job].centre) - jobs[job].radius, 0.0);
-    let reach2 = distance * distance + kernels[kernel].scale * kernels[kernel].scale;
+    let smooth2 = kernels[kernel].scale * kernels[kernel].scale;
+    let reach2 = distance * distance + smooth2;
     let three = settings.three_points_below * radius;
     let offset = centre - at;
     let e = irradiance[index].xyz;
@@ -157,7 +158,7 @@ fn of_patch(job: u32, kernel: u32, index: u32, at: vec3<f32>) -> vec3<f32> {
         let flux = e * patches[index].area;
         return brought(kernel, offset, flux, flux * dot(offset, own));
     }
-    let exact = reach2 < settings.exact_below * radius * (settings.exact_below * radius);
+    let exact = is_exact(reach2, offset, radius, smooth2, jobs[job].radius);
     var sum = vec3(0.0);
     for (var facet = patches[index].first_facet; facet < patches[index].end_facet; facet += 1u) {
         let p = facet_at(facet, offset);

@@ -5,7 +5,6 @@ use std::f64::consts::TAU;
 use glam::{DVec2, DVec3};
 
 use crate::geometry::bvh::Ray;
-use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::{Facet, Patch, bisect};
 use crate::transport::surface::Surface;
 
@@ -26,41 +25,84 @@ pub(super) const NOWHERE: u32 = u32::MAX;
 /// Neighbours of samples along the surface.
 pub(super) type Around = [[u32; DISTANCES]; AZIMUTHS];
 
-/// Facets of every triangle, by their paths.
+/// Facets of every triangle, as the tree of cuts that made them.
 pub(super) struct Facets {
-    offsets: Vec<u32>,
-    /// Path and sample.
-    of: Vec<(u32, u32)>,
+    /// Where the tree of each triangle begins.
+    roots: Vec<Node>,
+    cuts: Vec<Cut>,
+}
+
+/// A cut, a sample, or neither.
+#[derive(Clone, Copy)]
+enum Node {
+    Cut(u32),
+    Sample(u32),
+    Nowhere,
+}
+
+/// A triangle cut in two.
+struct Cut {
+    /// The middle of the longest edge, from which the cut runs to the opposite corner.
+    middle: DVec3,
+    /// Across the cut, in the plane of the triangle, towards the first half.
+    across: DVec3,
+    halves: [Node; 2],
 }
 
 impl Facets {
     pub(super) fn new(surface: &Surface) -> Self {
-        let mut all: Vec<(u32, u32, u32)> = (0..surface.samples.len())
-            .flat_map(|i| surface.samples.patch(i).iter().map(move |f| (f.triangle, f.path, i as u32)))
+        // Left-aligned, the paths of what lies in a half follow one another.
+        let aligned = |path: u32| path.checked_shl(path.leading_zeros()).unwrap_or(0);
+        let mut all: Vec<(u32, u32, u32, u32)> = (0..surface.samples.len())
+            .flat_map(|i| surface.samples.patch(i).iter().map(move |f| (f.triangle, aligned(f.path), f.path, i as u32)))
             .collect();
         all.sort_unstable();
-        let count = surface.domain.mesh.triangles.len() as u32;
-        let offsets = (0..=count).map(|t| all.partition_point(|f| f.0 < t) as u32).collect();
-        Self { offsets, of: all.into_iter().map(|(_, path, sample)| (path, sample)).collect() }
+        let mut facets = Self { roots: Vec::new(), cuts: Vec::new() };
+        let mut rest = all.as_slice();
+        for triangle in 0..surface.domain.mesh.triangles.len() as u32 {
+            let (of, others) = rest.split_at(rest.partition_point(|f| f.0 <= triangle));
+            let root = facets.node(of, Facet::whole(triangle), surface.domain.mesh.corners_local_mm(triangle));
+            facets.roots.push(root);
+            rest = others;
+        }
+        facets
+    }
+
+    /// The node of a facet that holds some: triangle, aligned path, path and sample of each, in order.
+    fn node(&mut self, of: &[(u32, u32, u32, u32)], facet: Facet, corners: [DVec3; 3]) -> Node {
+        let Some(&(.., path, sample)) = of.first() else { return Node::Nowhere };
+        if path == facet.path {
+            return Node::Sample(sample);
+        }
+        let Some([left, right]) = facet.halves() else { return Node::Nowhere };
+        let halves = bisect(corners);
+        // The cut runs from the middle of the longest edge to the corner that both halves end with.
+        let [first, middle, apex] = halves[0];
+        let across = (middle - apex).cross((first - middle).cross(apex - middle));
+        let side = (first - middle).dot(across);
+        let index = self.cuts.len();
+        let across = if side == 0.0 { DVec3::ZERO } else { across * side.signum() };
+        self.cuts.push(Cut { middle, across, halves: [Node::Nowhere; 2] });
+        let right_from = right.path << right.path.leading_zeros();
+        let (in_left, in_right) = of.split_at(of.partition_point(|f| f.1 < right_from));
+        let nodes = [self.node(in_left, left, halves[0]), self.node(in_right, right, halves[1])];
+        self.cuts[index].halves = nodes;
+        Node::Cut(index as u32)
     }
 
     /// The sample around a point of a triangle.
-    fn at(&self, mesh: &Mesh, triangle: u32, point: DVec3) -> Option<u32> {
-        let (from, to) = (*self.offsets.get(triangle as usize)?, *self.offsets.get(triangle as usize + 1)?);
-        let of = self.of.get(from as usize..to as usize)?;
-        let mut facet = Facet::whole(triangle);
-        let mut corners = mesh.corners_local_mm(triangle);
+    fn at(&self, triangle: u32, point: DVec3) -> Option<u32> {
+        let mut node = *self.roots.get(triangle as usize)?;
         loop {
-            if let Ok(found) = of.binary_search_by_key(&facet.path, |f| f.0) {
-                return Some(of[found].1);
+            match node {
+                Node::Sample(sample) => return Some(sample),
+                Node::Nowhere => return None,
+                Node::Cut(index) => {
+                    let Cut { middle, across, halves } = &self.cuts[index as usize];
+                    let is_left = (point - *middle).dot(*across) >= 0.0;
+                    node = halves[usize::from(!is_left)];
+                }
             }
-            let [left, right] = facet.halves()?;
-            let halves = bisect(corners);
-            // The cut runs from the middle of the longest edge to the corner that both halves end with.
-            let [first, middle, apex] = halves[0];
-            let across = (middle - apex).cross((first - middle).cross(apex - middle));
-            let is_left = (point - middle).dot(across) * (first - middle).dot(across) >= 0.0;
-            (facet, corners) = if is_left { (left, halves[0]) } else { (right, halves[1]) };
         }
     }
 }
@@ -131,7 +173,7 @@ pub(super) fn neighbours(surface: &Surface, facets: &Facets, (sample, part): (us
                     let origin = ray.origin.as_dvec3();
                     let normal = (b - a).cross(c - a);
                     let t = (a - origin).dot(normal) / frame.normal.dot(normal);
-                    facets.at(mesh, triangle, origin + t * frame.normal)
+                    facets.at(triangle, origin + t * frame.normal)
                 })
                 .unwrap_or(NOWHERE);
         }
