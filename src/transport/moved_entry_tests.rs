@@ -79,16 +79,23 @@ fn skies_move_as_the_sum_of_their_suns_and_light_from_everywhere_stays() {
     let entry = MovedEntry::new(&surface, |_| true);
     let etas = [named("skin1").eta_inside_over_outside];
     let suns = lattice(400, 0.5);
+    // Of an irradiance of one: all that a sun gives is in proportion to it, channel by channel.
+    let of_suns: Vec<[Vec<DVec3>; 2]> = suns
+        .iter()
+        .map(|from| {
+            let light = Light::Directional { from: *from, irradiance: DVec3::ONE };
+            let lit = Illumination::new(&surface, std::slice::from_ref(&light), &etas, ONE_RAY).unwrap().all(&Silent);
+            [entry.moved(&surface, &light, &lit), lit]
+        })
+        .collect();
     for (power, moved_by, allowed) in [(0, 0.0, 0.01), (1, 0.02, 0.012), (3, 0.04, 0.02)] {
         let radiance = |from: &DVec3| DVec3::new(1.0, 2.0, 0.5) * (1.0 + from.y).powi(power);
         let mut harmonics = vec![DVec3::ZERO; SKY_ORDER * SKY_ORDER];
         let (mut plain, mut moved) =
             (vec![DVec3::ZERO; surface.samples.len()], vec![DVec3::ZERO; surface.samples.len()]);
-        for from in &suns {
-            let light = Light::Directional { from: *from, irradiance: radiance(from) };
-            let lit = Illumination::new(&surface, std::slice::from_ref(&light), &etas, ONE_RAY).unwrap().all(&Silent);
-            moved.iter_mut().zip(entry.moved(&surface, &light, &lit)).for_each(|(sum, e)| *sum += e);
-            plain.iter_mut().zip(lit).for_each(|(sum, e)| *sum += e);
+        for (from, [after, before]) in suns.iter().zip(&of_suns) {
+            moved.iter_mut().zip(after).for_each(|(sum, e)| *sum += radiance(from) * *e);
+            plain.iter_mut().zip(before).for_each(|(sum, e)| *sum += radiance(from) * *e);
             let mut y = [0.0; SKY_ORDER * SKY_ORDER];
             real_sh(SKY_ORDER, to_harmonics(*from), &mut y);
             harmonics.iter_mut().zip(y).for_each(|(sum, y)| *sum += y * radiance(from));

@@ -4,7 +4,7 @@ use super::lights::{Extended, OracleLight, Sharp, prepare};
 use super::medium::{Channel, OracleMedium};
 use super::mesh::OracleMesh;
 use super::patch::{Patch, radon_rule};
-use super::rays::Blockers;
+use super::rays::{Blockers, Ray};
 use super::shadow::{ShadowTree, Shadows};
 use super::vector::{V3, add, distance, hash, mul, sub};
 
@@ -329,7 +329,8 @@ impl Oracle {
                     // Blocks of draws, so that an even and an odd one fall on each point.
                     let q = (j / self.settings.draws) as usize;
                     let Some(draw) = light.draw(self.eta, points[q], patch.normal, shift, j) else { continue };
-                    if self.blockers.sees(points[q], t, draw.direction, draw.reach) {
+                    let ray = Ray { origin: points[q], direction: draw.direction, reach: draw.reach };
+                    if self.blockers.sees(t, ray) {
                         sums[q][half] = add(sums[q][half], mul(draw.value, 1.0 / self.settings.draws as f64));
                     }
                 }

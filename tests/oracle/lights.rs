@@ -34,6 +34,7 @@ pub enum Sharp {
 
 impl Sharp {
     /// Irradiance behind the surface at `p` with the normal `n` if nothing stands between.
+    #[inline]
     pub fn unshadowed(&self, eta: f64, p: V3, n: V3) -> V3 {
         let (mu, colour) = match *self {
             Self::Directional { towards, irradiance } => (dot(n, towards), irradiance),
@@ -62,6 +63,7 @@ impl Sharp {
     }
 
     /// Direction to the light and how far along it a blocker counts.
+    #[inline]
     pub fn shadow_ray(&self, p: V3) -> (V3, f64) {
         match *self {
             Self::Directional { towards, .. } => (towards, f64::INFINITY),
@@ -70,6 +72,7 @@ impl Sharp {
     }
 
     /// Distance over which the irradiance of an open plane changes noticeably, mm.
+    #[inline]
     pub fn scale_length(&self, p: V3) -> f64 {
         match *self {
             Self::Directional { .. } => f64::INFINITY,

@@ -13,6 +13,7 @@ pub struct OracleMedium {
 }
 
 /// Exact unpolarised transmittance for light that arrives at cosine `mu` from outside.
+#[inline]
 pub fn fresnel_transmittance(eta: f64, mu: f64) -> f64 {
     let mu = mu.clamp(0.0, 1.0);
     let sin2_inside = (1.0 - mu * mu) / (eta * eta);
@@ -49,6 +50,7 @@ pub struct Channel {
 
 impl Channel {
     /// R_d in 1/mm^2 at the squared distance `r2` in mm^2.
+    #[inline]
     pub fn r_d(&self, r2: f64) -> f64 {
         let mut sum = 0.0;
         for z in self.z {

@@ -16,6 +16,7 @@ pub struct Patch {
 }
 
 /// Radon's rule: seven barycentric points with weights that sum to one, exact for degree five.
+#[inline]
 pub fn radon_rule() -> [([f64; 3], f64); 7] {
     let root = 15.0_f64.sqrt();
     let mut rule = [([1.0 / 3.0; 3], 0.225); 7];
@@ -62,6 +63,7 @@ impl Patch {
         Self::in_plane(corners, normalised(n))
     }
 
+    #[inline]
     fn in_plane(corners: [V3; 3], normal: V3) -> Self {
         let centroid = mul(add(add(corners[0], corners[1]), corners[2]), 1.0 / 3.0);
         let radius = corners.iter().map(|&c| distance(c, centroid)).fold(0.0, f64::max);
@@ -70,6 +72,7 @@ impl Patch {
         Self { corners, centroid, normal, radius, size, area }
     }
 
+    #[inline]
     pub fn point(&self, barycentric: [f64; 3]) -> V3 {
         let [a, b, c] = self.corners;
         add(add(mul(a, barycentric[0]), mul(b, barycentric[1])), mul(c, barycentric[2]))
@@ -81,6 +84,7 @@ impl Patch {
     }
 
     /// The two halves on either side of the middle of the longest edge.
+    #[inline]
     pub fn bisected(&self) -> [Self; 2] {
         let c = self.corners;
         let lengths = [distance(c[0], c[1]), distance(c[1], c[2]), distance(c[2], c[0])];

@@ -2,7 +2,7 @@
 
 use super::lights::Sharp;
 use super::patch::{Patch, sixteen_points};
-use super::rays::Blockers;
+use super::rays::{Blockers, Ray};
 use super::vector::{V3, add, mul};
 
 /// Halves of one triangle; the root is node 0.
@@ -38,15 +38,12 @@ impl Shadows<'_> {
         if light.unshadowed(self.eta, patch.centroid, patch.normal) == [0.0; 3] {
             return 0.0;
         }
-        let seen = sixteen_points(patch.key())
-            .iter()
-            .filter(|b| {
-                let p = patch.point(**b);
-                let (direction, reach) = light.shadow_ray(p);
-                self.blockers.sees(p, triangle, direction, reach)
-            })
-            .count();
-        seen as f64 / 16.0
+        let rays = sixteen_points(patch.key()).map(|b| {
+            let origin = patch.point(b);
+            let (direction, reach) = light.shadow_ray(origin);
+            Ray { origin, direction, reach }
+        });
+        self.blockers.count_free(triangle, rays) as f64 / 16.0
     }
 
     /// Shares of a child: those of the parent where it was all lit or all dark and `trusted`, sampled otherwise.

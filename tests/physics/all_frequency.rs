@@ -19,11 +19,11 @@ use translux::math::statistics::vertex_error;
 use translux::progress::Silent;
 use translux::scene::Scene;
 
-const SAMPLES: usize = 4000;
-const TRUTH_SAMPLES: usize = 10_000;
+const SAMPLES: usize = 2000;
+const TRUTH_SAMPLES: usize = 5000;
 
 fn knot() -> Scene {
-    scene(shapes::torus_knot(2, 3, 10.0, 4.0, 1.5, 90, 12), Scale::DiagonalMm(30.0), "marble")
+    scene(shapes::torus_knot(2, 3, 10.0, 4.0, 1.5, 50, 8), Scale::DiagonalMm(30.0), "marble")
 }
 
 fn pairs(set: &[&str]) -> Vec<(String, String)> {
@@ -82,15 +82,15 @@ fn both_bases_give_the_reference_and_more_coefficients_less_error() {
 /// A knot sees itself: what leaves it falls on it again.
 #[test]
 fn light_that_comes_back_is_that_of_the_reference() {
-    let scene = scene(shapes::torus_knot(2, 3, 10.0, 4.0, 1.5, 70, 10), Scale::DiagonalMm(30.0), "marble");
+    let scene = knot();
     let areas = vertex_areas(&scene);
     let lights = vec![environment(20.0), sun(DVec3::new(0.5, 0.7, 0.2))];
-    let reference = |set: &[&str]| baked::radiosity("reference", &scene, 7000, set, &lights);
+    let reference = |set: &[&str]| truth(&scene, set, &lights);
     let without = reference(&[]);
     for times in ["once", "3"] {
         let key = format!("inter-reflection={times}");
         let expected = reference(&[&key]);
-        let mut evaluator = open(baked::asset("all_frequency", &scene, 3000, &[&key]));
+        let mut evaluator = open(bake(&scene, &[&key, "coefficients=400"]));
         let found = lit(evaluator.as_mut(), lights.clone());
         let (error, change) =
             (vertex_error(&found, &expected, &areas).rms, vertex_error(&without, &expected, &areas).rms);
@@ -152,7 +152,7 @@ fn a_turned_environment_is_the_turned_body() {
 
 #[test]
 fn transport_takes_few_bytes() {
-    let scene = scene(shapes::bumpy_head(1.0, 5), Scale::DiagonalMm(30.0), "marble");
+    let scene = scene(shapes::bumpy_head(1.0, 4), Scale::DiagonalMm(30.0), "marble");
     let vertices = scene.mesh.local_mm.len();
     let size = |asset: &Asset| asset.sections.iter().map(|s| s.bytes.len()).sum::<usize>() / vertices;
     let asset = bake(&scene, &[]);
@@ -182,7 +182,7 @@ fn keys_and_lights_that_do_not_fit_are_refused() {
         assert!(error.message().contains(word), "{set:?}: {}", error.message());
     }
     for set in [&[][..], &["basis=haar"]] {
-        let mut evaluator = open(baked::asset("all_frequency", &scene, 1000, set));
+        let mut evaluator = open(baked::asset("all_frequency", &scene, 500, set));
         let before = lit(evaluator.as_mut(), vec![environment(0.0)]);
         let lamp = Light::point(DVec3::new(0.0, 30.0, 0.0), DVec3::ONE).unwrap();
         assert_eq!(evaluator.set_lights(vec![lamp], &Silent).unwrap_err().code(), ExitCode::Unsupported);

@@ -36,7 +36,7 @@ fn pairs(set: &[&str]) -> Vec<(String, String)> {
 }
 
 fn bake(method: &str, scene: &Scene, set: &[&str]) -> Arc<Asset> {
-    baked::asset(method, scene, 1000, set)
+    baked::asset(method, scene, 500, set)
 }
 
 fn open(asset: Arc<Asset>) -> Box<dyn Evaluator> {
@@ -123,7 +123,9 @@ fn integrands_are_those_of_the_reference() {
     scene.media[0].properties.g = 0.0;
     let areas = vertex_areas(&scene);
     let of = |method: &str, integrand: &str| {
-        let asset = baked::asset(method, &scene, 1000, &["single-scattering=isotropic", integrand]);
+        let set = ["single-scattering=isotropic", integrand, "coefficients=225"];
+        let set = &set[..if method == "all_frequency" { 3 } else { 2 }];
+        let asset = baked::asset(method, &scene, 500, set);
         per_vertex(open(asset).as_mut(), &[environment()])
     };
     let plain: DVec3 = of("reference", "single-form=physical").iter().sum();
@@ -242,7 +244,7 @@ fn for_a_fixed_eye_it_is_a_part_of_the_radiosity() {
     }
     assert!(difference(&shown[0], &shown[1]) > 0.002);
     // Rays are not followed for every place of the eye.
-    let asset = bake("all_frequency", &head(0.4), &["single-scattering=phase", "phase-terms=rays"]);
+    let asset = bake("all_frequency", &head(0.4), &["single-scattering=phase", "phase-terms=rays", "coefficients=25"]);
     let summed = Summed::of(registry().open(asset).unwrap());
     assert_eq!(summed.single_scattering_is(), SingleScattering::TracedTowardsEye);
 }
@@ -270,7 +272,7 @@ fn the_number_of_terms_follows_g() {
     let stored = |g: f64| {
         let mut ball = in_memory::scene(shapes::icosphere(10.0, 1), Scale::MillimetresPerUnit(1.0), "skin1");
         ball.media[0].properties.g = g;
-        let asset = bake("all_frequency", &ball, &["single-scattering=phase", "coefficients=25"]);
+        let asset = bake("all_frequency", &ball, &["single-scattering=phase", "coefficients=9"]);
         let file = translux_format::distant_transport::DistantTransport::from_sections(
             &asset.sections,
             asset.scene.mesh.local_mm.len(),
@@ -284,7 +286,7 @@ fn the_number_of_terms_follows_g() {
 #[test]
 fn g_is_free_at_run_time() {
     let scene = head(0.25);
-    let mut evaluator = open(bake("all_frequency", &scene, &["single-scattering=phase"]));
+    let mut evaluator = open(bake("all_frequency", &scene, &["single-scattering=phase", "coefficients=100"]));
     let before = seen(evaluator.as_mut(), &[sun()]);
     let radiosity = evaluator.radiosity(&Silent).unwrap();
     let mut media = evaluator.scene().media.clone();
@@ -296,7 +298,7 @@ fn g_is_free_at_run_time() {
     assert_eq!(evaluator.radiosity(&Silent).unwrap(), radiosity);
     media[0].properties.eta_inside_over_outside = 1.4;
     assert_eq!(evaluator.set_media(media).unwrap_err().code(), ExitCode::Unsupported);
-    let mut isotropic = open(bake("all_frequency", &head(0.25), &["single-scattering=isotropic"]));
+    let mut isotropic = open(bake("all_frequency", &head(0.25), &["single-scattering=isotropic", "coefficients=100"]));
     let mut media = isotropic.scene().media.clone();
     media[0].properties.g = 0.0;
     assert_eq!(isotropic.set_media(media).unwrap_err().code(), ExitCode::Unsupported);

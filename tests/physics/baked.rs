@@ -17,14 +17,14 @@ use crate::in_memory::{lit, method, opened, scene_of, short, try_bake};
 type Slot<K, T> = (K, Arc<OnceLock<Arc<T>>>);
 
 /// Values by what they are of; different ones are made side by side.
-struct Shelf<K, T>(Mutex<Vec<Slot<K, T>>>);
+pub(crate) struct Shelf<K, T>(Mutex<Vec<Slot<K, T>>>);
 
 impl<K: PartialEq, T> Shelf<K, T> {
-    const fn new() -> Self {
+    pub(crate) const fn new() -> Self {
         Self(Mutex::new(Vec::new()))
     }
 
-    fn get(&self, key: K, make: impl FnOnce() -> T) -> Arc<T> {
+    pub(crate) fn get(&self, key: K, make: impl FnOnce() -> T) -> Arc<T> {
         let slot = {
             let mut slots = self.0.lock().unwrap();
             match slots.iter().find(|(k, _)| *k == key) {
@@ -80,15 +80,17 @@ pub(crate) fn group() -> Scene {
 /// A method, and its keys with their defaults.
 type WithDefaults = (&'static str, Vec<(&'static str, &'static str)>);
 
-/// That group under a method, of 2000 samples, or 500 where each receiver has its own; sets of lights are small, since it is not their
-/// error that is measured with it.
+/// That group under a method, of 1000 samples, or 500 where each receiver has its own; sets of lights and rows
+/// of coefficients are small, since it is not their error that is measured with it.
 pub(crate) fn of_group(method: &dyn Method) -> Arc<Asset> {
     static ASSETS: Shelf<WithDefaults, Asset> = Shelf::new();
     // Methods of one name differ in their defaults.
     let defaults = method.keys().iter().map(|key| (key.name(), key.default())).collect();
     ASSETS.get((method.name(), defaults), || {
-        let few = method.keys().iter().any(|k| k.name() == "lights").then(|| ("lights".to_owned(), "60".to_owned()));
-        let samples = if method.keys().iter().any(|k| k.name() == "sampling") { 500 } else { 2000 };
+        let has = |name: &str| method.keys().iter().any(|key| key.name() == name);
+        let few = [("lights", "60"), ("coefficients", "100")].into_iter().filter(|(key, _)| has(key));
+        let few = few.map(|(key, value)| (key.to_owned(), value.to_owned()));
+        let samples = if has("sampling") { 500 } else { 1000 };
         let set: Vec<_> = short(method).into_iter().chain(few).collect();
         try_bake(method, group(), Some(samples), &set).unwrap()
     })

@@ -138,9 +138,9 @@ fn calibrated_kernels_have_the_same_sums() {
     for (name, media) in [("two_pass", ["marble", "skin1"]), ("editable", ["chicken1", "skin1"])] {
         let method = in_memory::method(name);
         let scene = Scene { media: media.map(medium).into(), ..group() };
-        let model = Model::Calibrated(Walks { photons: 4096, ..Walks::default() });
+        let model = Model::Calibrated(Walks { photons: 2048, ..Walks::default() });
         let probes = in_memory::probes(&scene.mesh);
-        let settings = BakeSettings { model, probes, samples: Some(2000), ..BakeSettings::new(0.05) };
+        let settings = BakeSettings { model, probes, samples: Some(1000), ..BakeSettings::new(0.05) };
         let asset = method.recipe(&[], settings).unwrap().bake(scene, Provenance::default(), &Silent).unwrap();
         let [mut cpu, mut gpu] = pair(&Arc::new(asset), &device);
         for (index, lights) in lights().into_iter().enumerate() {

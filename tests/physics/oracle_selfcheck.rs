@@ -7,7 +7,7 @@
 use crate::oracle;
 use crate::oracle::medium::{Channel, fresnel_transmittance};
 use crate::oracle::patch::Patch;
-use crate::oracle::rays::Blockers;
+use crate::oracle::rays::{Blockers, Ray};
 use crate::oracle::truth_files::{Case, compare, environment, material};
 use crate::oracle::vector::{V3, gauss_legendre, hash, unit};
 use crate::oracle::{Oracle, OracleLight, OracleMesh, OracleSettings};
@@ -73,7 +73,7 @@ fn closed_form_of_a_triangle_agrees_with_brute_subdivision() {
 fn box_tree_misses_nothing_that_a_loop_over_triangles_finds() {
     let mesh = OracleMesh::torus(6.0, 2.0, 24, 12).joined(&OracleMesh::icosphere(2, 3.0));
     let tree = Blockers::new(&mesh);
-    let (mut free, mut blocked) = (0, 0);
+    let (mut free, mut blocked, mut some) = (0, 0, 0);
     for i in 0..20_000u64 {
         let random = |k: u64| unit(hash(i, k));
         let own = (random(0) * mesh.triangles.len() as f64) as usize;
@@ -85,11 +85,29 @@ fn box_tree_misses_nothing_that_a_loop_over_triangles_finds() {
             direction[(i / 3 % 3) as usize] = if i % 2 == 0 { 1.0 } else { -1.0 };
         }
         let reach = if i % 2 == 0 { f64::INFINITY } else { 8.0 };
-        let sees = tree.sees(origin, own as u32, direction, reach);
-        assert_eq!(sees, tree.sees_by_loop(origin, own as u32, direction, reach), "ray {i}");
-        if sees { free += 1 } else { blocked += 1 }
+        let ray = Ray { origin, direction, reach };
+        let sees = tree.sees(own as u32, ray);
+        assert_eq!(sees, tree.sees_by_loop(own as u32, ray), "ray {i}");
+        if sees {
+            free += 1
+        } else {
+            blocked += 1
+        }
+        // With others from elsewhere on its triangle, which go another way or to a place that all share.
+        if i % 16 == 0 {
+            let at = [random(4) * 20.0 - 10.0, random(5) * 20.0 - 10.0, random(6) * 20.0 - 10.0];
+            let rays: [Ray; 16] = std::array::from_fn(|k| {
+                let (a, b) = (0.9 * random(10 + k as u64), 0.1 * random(30 + k as u64));
+                let origin = Patch::new(mesh.corners(own)).point([a, b, 1.0 - a - b]);
+                let direction = if i % 32 == 0 { oracle::vector::sub(at, origin) } else { direction };
+                Ray { origin, direction, reach: if i % 32 == 0 { 1.0 } else { reach } }
+            });
+            let one_by_one = rays.iter().filter(|ray| tree.sees_by_loop(own as u32, **ray)).count();
+            assert_eq!(tree.count_free(own as u32, rays), one_by_one, "rays beside ray {i}");
+            some += usize::from((1..16).contains(&one_by_one));
+        }
     }
-    assert!(free > 2000 && blocked > 2000, "{free} free, {blocked} blocked");
+    assert!(free > 2000 && blocked > 2000 && some > 20, "{free} free, {blocked} blocked, {some} in part");
 }
 
 #[test]
@@ -230,10 +248,9 @@ fn sphere_under_constant_light_is_the_disc_of_twice_its_radius() {
     let vertices: Vec<usize> = (0..mesh.positions.len()).step_by(97).collect();
     let all = oracle.radiosities(&vertices);
     // The polyhedron itself is convex, so every facet receives the same and the kernel's integral is closed.
-    let facets = |x: V3| {
-        m.channels().map(|c| e * (0..mesh.triangles.len()).map(|t| c.triangle(mesh.corners(t), x)).sum::<f64>())
-    };
-    let exact: Vec<f64> = vertices.iter().zip(&all).map(|(&v, &b)| b[1] / facets(mesh.positions[v])[1] - 1.0).collect();
+    let green = m.channels()[1];
+    let facets = |x: V3| e * (0..mesh.triangles.len()).map(|t| green.triangle(mesh.corners(t), x)).sum::<f64>();
+    let exact: Vec<f64> = vertices.iter().zip(&all).map(|(&v, &b)| b[1] / facets(mesh.positions[v]) - 1.0).collect();
     let worst = exact.iter().fold(0.0_f64, |a, e| a.max(e.abs()));
     below("sphere against the sum over its facets", worst, 8e-4);
     below("and the mean of that", (exact.iter().sum::<f64>() / exact.len() as f64).abs(), 2e-4);

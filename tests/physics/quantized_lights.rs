@@ -18,17 +18,17 @@ use translux::measure::probes::{self, Half};
 use translux::progress::Silent;
 use translux::scene::Scene;
 
-const SAMPLES: usize = 8000;
+const SAMPLES: usize = 4000;
 
 fn head() -> Scene {
-    scene(shapes::bumpy_head(1.0, 4), Scale::DiagonalMm(20.0), "marble")
+    scene(shapes::bumpy_head(1.0, 3), Scale::DiagonalMm(20.0), "marble")
 }
 
 fn bake(scene: &Scene, kinds: &[LightKind], set: &[(&str, &str)]) -> Asset {
     let settings = BakeSettings {
         samples: Some(SAMPLES),
         for_lights: kinds.iter().copied().collect(),
-        probes: probes::for_bake(&scene.mesh),
+        probes: in_memory::probes(&scene.mesh),
         ..BakeSettings::new(0.02)
     };
     let recipe = method("quantized_lights").recipe(&pairs(set), settings).unwrap();

@@ -2,7 +2,8 @@
 //! distances fails; and the paper's eight neighbours against the default.
 #![allow(clippy::unwrap_used, missing_docs)]
 
-use crate::{baked, in_memory};
+use crate::baked::{self, Shelf};
+use crate::in_memory;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -18,7 +19,6 @@ use translux::light::quantised::distances::{Blend, DistanceSet};
 use translux::light::{Light, LightKind};
 use translux::math::cube_map::{direction, texel_of};
 use translux::math::statistics::vertex_error;
-use translux::measure::probes;
 use translux::progress::Silent;
 use translux::scene::Scene;
 use translux::transport::receivers::Sphere;
@@ -29,26 +29,32 @@ const DIRECTIONS: &str = "100";
 /// Nearest shell unless it is set, in bounding radii.
 const NEAREST: f64 = 1.5;
 
+/// What the defaults are, written out so that one bake serves those that set one of them.
+const SHELLS: [(&str, &str); 2] = [("shells", "3"), ("nearest", "1.5")];
+
 fn head() -> Scene {
     scene(shapes::bumpy_head(1.0, 3), Scale::DiagonalMm(20.0), "marble")
 }
 
+/// The evaluator of that head with some keys set, which is baked once.
 fn evaluator(scene: &Scene, set: &[(&str, &str)]) -> Box<dyn Evaluator> {
+    static ASSETS: Shelf<Vec<(String, String)>, Asset> = Shelf::new();
     let mut given = pairs(&[("lights", DIRECTIONS)]);
     given.extend(pairs(set));
+    let bytes = ASSETS.get(given.clone(), || bake(scene, &given)).to_bytes().unwrap();
+    registry().open(Arc::new(Asset::from_bytes(&bytes).unwrap())).unwrap()
+}
+
+fn bake(scene: &Scene, set: &[(String, String)]) -> Asset {
     let settings = BakeSettings {
         samples: Some(SAMPLES),
         // What is coded and interpolated between vertices must not hide the distances.
         for_lights: [LightKind::Point].into(),
-        probes: probes::for_bake(&scene.mesh),
+        probes: in_memory::probes(&scene.mesh),
         ..BakeSettings::new(0.01)
     };
-    let asset = method("quantized_lights")
-        .recipe(&given, settings)
-        .unwrap()
-        .bake(scene.clone(), Provenance::default(), &Silent)
-        .unwrap();
-    registry().open(Arc::new(Asset::from_bytes(&asset.to_bytes().unwrap()).unwrap())).unwrap()
+    let recipe = method("quantized_lights").recipe(set, settings).unwrap();
+    recipe.bake(scene.clone(), Provenance::default(), &Silent).unwrap()
 }
 
 /// Centre and radius of the scene, as the set takes them.
@@ -132,7 +138,7 @@ impl Bench {
 fn distances_from_far_away_to_the_nearest_shell() {
     let scene = head();
     let bench = Bench::new(&scene);
-    let mut set = evaluator(&scene, &[]);
+    let mut set = evaluator(&scene, &SHELLS);
     let mut worst = [0.0f64; 2];
     for radii in [1e5, 100.0, 10.0, 4.0, 3.0, 2.5, 2.0, 1.75, NEAREST * (1.0 + 1e-9)] {
         let errors = [of_the_set(), between()].map(|towards| bench.error(set.as_mut(), towards, radii));
@@ -160,7 +166,7 @@ fn distances_from_far_away_to_the_nearest_shell() {
 fn nearer_than_the_nearest_shell_is_refused_and_why() {
     let scene = head();
     let bench = Bench::new(&scene);
-    let mut set = evaluator(&scene, &[]);
+    let mut set = evaluator(&scene, &SHELLS);
     let shells = DistanceSet::spread(bench.centre_mm, bench.radius_mm, 4, 1.0 / NEAREST, Blend::Polynomial).unwrap();
     let towards = of_the_set();
     let mut found = Vec::new();
@@ -205,7 +211,7 @@ fn close_to_the_surface_a_set_of_distances_fails() {
     let mut errors = Vec::new();
     for nearest in ["1.5", "1.2", "1.05"] {
         let radii: f64 = nearest.parse().unwrap();
-        let mut set = evaluator(&scene, &[("nearest", nearest)]);
+        let mut set = evaluator(&scene, &[SHELLS[0], ("nearest", nearest)]);
         let above_mm = (radii - 1.0) * bench.radius_mm;
         let error = bench.error(set.as_mut(), towards, radii * (1.0 + 1e-9));
         let inside = bench.light(towards, 0.99);
@@ -232,13 +238,13 @@ fn more_shells_are_better_and_the_default_beats_eight_neighbours() {
     let bench = Bench::new(&scene);
     let mut table = BTreeMap::new();
     for shells in ["1", "2", "3", "4"] {
-        let default = worst(&bench, evaluator(&scene, &[("shells", shells)]).as_mut());
+        let default = worst(&bench, evaluator(&scene, &[("shells", shells), SHELLS[1]]).as_mut());
         if shells != "3" && !in_memory::long() {
             println!("{shells} shells: {default:?}");
             table.insert(shells, default);
             continue;
         }
-        let trilinear = [("shells", shells), ("blend", "linear"), ("interpolation", "nearest4")];
+        let trilinear = [("shells", shells), SHELLS[1], ("blend", "linear"), ("interpolation", "nearest4")];
         let paper = worst(&bench, evaluator(&scene, &trilinear).as_mut());
         println!(
             "{shells} shells: default {:.2} % at a direction of the set, {:.2} % between; eight neighbours {:.2} %, {:.2} %",

@@ -88,6 +88,8 @@ fn power(exponent: f64) -> Specular {
 
 struct Drawn {
     evaluator: Uploaded,
+    /// Under the lights that it was made with.
+    radiosity: Vec<DVec3>,
     raster: Raster,
 }
 
@@ -104,7 +106,8 @@ impl Drawn {
         let vertices = evaluator.scene().mesh.local_mm.len();
         raster.shown().publish(&evaluator, &vec![u32::MAX; vertices]).unwrap();
         raster.set_lights(lights).unwrap();
-        Self { evaluator, raster }
+        let radiosity = evaluator.radiosity(&Silent).unwrap();
+        Self { evaluator, radiosity, raster }
     }
 
     fn take(&mut self, view: &View) -> LinearPicture {
@@ -112,9 +115,8 @@ impl Drawn {
         Picture::new(self.raster.device(), view.resolution).unwrap().take(&self.raster, view).unwrap()
     }
 
-    fn rendered(&mut self, lights: &[Light], settings: &RenderSettings) -> Frame {
-        let radiosity = self.evaluator.radiosity(&Silent).unwrap();
-        render(&self.evaluator, &radiosity, lights, settings, &Silent).unwrap()
+    fn rendered(&self, lights: &[Light], settings: &RenderSettings) -> Frame {
+        render(&self.evaluator, &self.radiosity, lights, settings, &Silent).unwrap()
     }
 }
 
@@ -174,14 +176,13 @@ fn a_drawn_texture_is_the_rendered_one() {
     let spec = "marble:scale=9:octaves=3:veins=0.1,0.2,0.4".parse().unwrap();
     let texture = Texture::new(&spec, &drawn.evaluator.scene().mesh).unwrap();
     drawn.raster.set_texture(texture.as_ref()).unwrap();
-    let radiosity = drawn.evaluator.radiosity(&Silent).unwrap();
     let settings = RenderSettings {
         specular: Specular::Off,
         background: Background::None,
         samples_per_pixel: 64,
         ..RenderSettings::new(camera, resolution)
     };
-    let scattered = Scattered { texture: texture.as_ref(), ..Scattered::from(&radiosity) };
+    let scattered = Scattered { texture: texture.as_ref(), ..Scattered::from(&drawn.radiosity) };
     let frame = render(&drawn.evaluator, scattered, &lights(), &settings, &Silent).unwrap();
     let exposure = Exposure::Auto.factor(&frame);
     let picture = drawn.take(&View { exposure, ..view });

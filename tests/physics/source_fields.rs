@@ -245,8 +245,8 @@ fn devices_give_the_same() {
 #[test]
 fn the_command_line_tells_and_refuses() {
     let folder = Folder::new();
-    folder.obj("head.obj", &shapes::bumpy_head(8.0, 3));
-    let bake = "bake head.obj --unit mm --material marble --samples 2000 -q";
+    folder.obj("head.obj", &shapes::bumpy_head(8.0, 2));
+    let bake = "bake head.obj --unit mm --material marble --samples 500 -q";
     let editable = format!("{bake} --method editable");
     folder.run(&format!("{editable} -o rows.tlux")).ok();
     folder.run(&format!("{editable} --for-lights area -o none.tlux")).ok();

@@ -30,7 +30,7 @@ fn layer(folder: &Folder, file: &str, name: &str) -> Vec<[f32; 3]> {
 /// A ball with single scattering.
 fn ball() -> Folder {
     let folder = Folder::new();
-    folder.obj("ball.obj", &shapes::icosphere(10.0, 4));
+    folder.obj("ball.obj", &shapes::icosphere(10.0, 3));
     folder
         .run("bake ball.obj --unit mm --material skin1 --method reference --samples 500 -o ball.tlux -q --set single-scattering=isotropic --set single-samples=4")
         .ok();
