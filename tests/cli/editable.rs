@@ -61,7 +61,7 @@ fn the_material_is_chosen_when_the_asset_is_evaluated() {
 fn keys_change_the_bake_or_are_refused() {
     let folder = head();
     let bake = format!(
-        "bake head.obj --unit mm --material marble --method editable --set transport=stored --samples 1500 {SUNS}"
+        "bake head.obj --unit mm --material marble --method editable --set transport=stored --samples 600 {SUNS}"
     );
     folder.run(&format!("{bake} -o default.tlux")).ok();
     let split = |name: &str| folder.run(&format!("inspect {name} --json")).ok().json()["sizes"]["file"].clone();

@@ -7,7 +7,7 @@ use crate::common::Folder;
 
 fn folder() -> Folder {
     let folder = Folder::new();
-    folder.obj("ball.obj", &shapes::icosphere(8.0, 3)).obj("cube.obj", &shapes::cuboid(glam::DVec3::splat(3.0), 1));
+    folder.obj("ball.obj", &shapes::icosphere(2.0, 3)).obj("cube.obj", &shapes::cuboid(glam::DVec3::splat(3.0), 1));
     folder
 }
 
