@@ -148,7 +148,7 @@ fn gltf_files_bake_in_their_own_size() {
     let folder = Folder::new();
     for file in files_below(&data.join("gltf")).iter().filter(|f| is_model(f)) {
         let name = file.strip_prefix(&data).unwrap().to_str().unwrap();
-        let rest = "--material marble --samples 64 --set directions=64 -o a.tlux";
+        let rest = "--material marble --samples 1024 --set directions=64 -o a.tlux";
         let outcome = folder
             .run_words(["bake", "--method", "two_pass", file.to_str().unwrap()].into_iter().chain(rest.split(' ')));
         if name.contains("Draco") || name.contains("meshopt") {

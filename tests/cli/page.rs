@@ -60,7 +60,8 @@ fn flip(test: &PngImage, reference: &PngImage) -> f64 {
 fn the_page_shows_what_render_does_wherever_the_light_is() {
     let folder = Folder::new();
     folder.obj("head.obj", &shapes::bumpy_head(1.0, 3));
-    folder.run("bake head.obj --method editable --size-mm 30 --material skin1 --samples 3000 -o head.tlux").ok();
+    let bake = "bake head.obj --method editable --size-mm 30 --material skin1 --samples 3000";
+    folder.run(&format!("{bake} --for-lights directional,constant -o head.tlux")).ok();
     let line = "export head.tlux -o turn.html --json";
     let report = folder.run(line).ok().json();
     crate::common::schema::check(&report);

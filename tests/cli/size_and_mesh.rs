@@ -112,7 +112,7 @@ fn what_cannot_be_done_is_refused() {
         assert!(outcome.stderr.contains("size-mm"), "{}", outcome.stderr);
     }
     folder
-        .run("bake head.obj --method editable --size-mm 20 --material marble --set transport=stored --samples 4096 -o stored.tlux -q")
+        .run("bake head.obj --method editable --size-mm 20 --material marble --set transport=stored --samples 4096 --for-lights directional -o stored.tlux -q")
         .ok();
     folder
         .run(&format!("evaluate stored.tlux --size-mm 30 {sun}"))
@@ -125,7 +125,8 @@ fn what_cannot_be_done_is_refused() {
 #[test]
 fn multilevel_summation_edits_what_the_tree_edits() {
     let folder = head();
-    let bake = "bake head.obj --size-mm 20 --material marble --max-rms 0.5% --samples 16384 -q";
+    let bake =
+        "bake head.obj --size-mm 20 --material marble --max-rms 0.5% --samples 16384 --for-lights directional -q";
     folder.run(&format!("{bake} --method two_pass -o tree.tlux")).ok();
     folder.run(&format!("{bake} --method editable --set transport=none -o nets.tlux")).ok();
     let edits = ["", "--size-mm 45", "--material skin1", "--profile better-dipole", "--on head.obj"];

@@ -59,9 +59,9 @@ fn worst(evaluator: &mut dyn Evaluator, truth: &mut dyn Evaluator, lights: &[Lig
 #[test]
 fn a_fine_mesh_gives_the_radiosity_of_two_pass() {
     let scene = scene(shapes::bumpy_head(1.0, 4), Scale::DiagonalMm(20.0), "marble");
-    let asset = bake(&scene, 12_000, &[]).unwrap();
+    let asset = bake(&scene, 6_000, &[]).unwrap();
     let mut evaluator = reopened(&asset);
-    let mut truth = open("two_pass", scene.clone(), Some(48_000));
+    let mut truth = open("two_pass", scene.clone(), Some(24_000));
     for light in lights(&scene) {
         let found = worst(evaluator.as_mut(), truth.as_mut(), std::slice::from_ref(&light));
         let promised = evaluator.measured_error(&[], &Silent).unwrap().total_rms();
@@ -165,8 +165,8 @@ fn graded_sphere(exponent: f64) -> SourceModel {
 fn uneven_meshes_fail_and_the_ledger_says_so() {
     let error = |exponent: f64| {
         let scene = scene(graded_sphere(exponent), Scale::DiagonalMm(30.0), "marble");
-        let asset = bake(&scene, 10_000, &[]).unwrap();
-        let mut truth = open("two_pass", scene.clone(), Some(40_000));
+        let asset = bake(&scene, 5_000, &[]).unwrap();
+        let mut truth = open("two_pass", scene.clone(), Some(20_000));
         let found = worst(reopened(&asset).as_mut(), truth.as_mut(), &lights(&scene));
         let promised = asset.ledger.entries[1].error.rms;
         println!("exponent {exponent}: {:.2} %, in the ledger {:.2} %", 100.0 * found, 100.0 * promised);

@@ -24,7 +24,7 @@ fn every_encoding_writes_what_is_valid_and_the_crate_alone_does_not_support() {
     let head = scene(shapes::bumpy_head(1.0, 2), Scale::DiagonalMm(20.0), "marble");
     for encoding in ["raw", "uniform8", "lloyd8", "sh", "reference-points", "bleeding"] {
         let method = registry().method(METHOD).unwrap();
-        let asset = try_bake(method, head.clone(), Some(1500), &pairs(&[("encoding", encoding)])).unwrap();
+        let asset = try_bake(method, head.clone(), Some(500), &pairs(&[("encoding", encoding)])).unwrap();
         asset.write(&path).unwrap();
         let found = validate(&path, &registry(), Limits::none(), &Silent).unwrap();
         let unknown = found.findings.iter().any(|finding| finding.name.starts_with("Unknown"));

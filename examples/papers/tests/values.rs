@@ -214,7 +214,7 @@ fn against_raw(scene: &Scene, asset: &Asset, raw: &Asset, lights: &[Light]) -> V
 #[test]
 fn parts_boundaries_and_edges_of_three_triangles_work() {
     let scene = odd_scene();
-    let bake = Bake { samples: Some(1500), ..Bake::new(&scene) };
+    let bake = Bake { samples: Some(800), ..Bake::new(&scene) };
     let raw = bake.run(&[("encoding", "raw"), ("lights", "100")]).unwrap();
     // From below the sheet shades the rest: hardly any light to be relative to.
     let mut lights = probes::directional(Half::Figures);
@@ -319,12 +319,12 @@ const ALL: [&[(&str, &str)]; 6] = [
 
 #[test]
 fn threads_do_not_change_a_bit() {
-    let scene = head(3);
+    let scene = head(2);
     for set in ALL {
         let run = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
-                let asset = Bake { samples: Some(1500), ..Bake::new(&scene) }.run(set).unwrap();
+                let asset = Bake { samples: Some(800), ..Bake::new(&scene) }.run(set).unwrap();
                 let sun = Light::directional(DVec3::new(1.0, 1.0, 2.0), DVec3::ONE).unwrap();
                 let values = lit(reopened(&asset).as_mut(), vec![sky_light(), sun]);
                 (asset.to_bytes().unwrap(), values)

@@ -50,7 +50,7 @@ fn the_window_draws_while_the_light_turns() {
     #[cfg(unix)]
     std::fs::set_permissions(&runtime, std::os::unix::fs::PermissionsExt::from_mode(0o700)).unwrap();
     let line = "relight ball.tlux --light directional:from=1,0.5,1:irradiance=3 --light constant:radiance=0.2 \
-                --texture marble --highlights blinn-phong:40 --turn --quit-after 6 --resolution 800x600 --json";
+                --texture marble --highlights blinn-phong:40 --turn --quit-after 4 --resolution 800x600 --json";
     let mut window = Command::new(env!("CARGO_BIN_EXE_translux"))
         .current_dir(folder.path(""))
         .args(line.split_whitespace())

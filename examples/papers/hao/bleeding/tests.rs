@@ -117,7 +117,7 @@ fn errors(scene: &Scene, light: Light) -> [f64; 3] {
     let ranges = ranges_mm(scene, 1e-3);
     let bvh = translux::geometry::bvh::Bvh::new(&scene.mesh);
     let irradiance = evaluate::first_pass(scene, &bvh, &vertices, std::slice::from_ref(&light), &Silent).unwrap();
-    let mut truth = baked_in::truth(scene, 60_000);
+    let mut truth = baked_in::truth(scene, 30_000);
     truth.set_lights(vec![light], &Silent).unwrap();
     let expected = truth.radiosity(&Silent).unwrap();
     let error = |lists: &Lists| {
