@@ -100,7 +100,9 @@ pub(super) fn run(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
 }
 
 fn summed(args: &ReferenceArgs, model: Model, console: &Console) -> Result<ExitCode> {
-    let recipe = args.options.resolve(&args.method, model, console)?;
+    let mut recipe = args.options.resolve(&args.method, model, console)?;
+    // Nothing is left of the ledger but what is measured.
+    recipe.settings.tells_model = !args.no_measure;
     let asked_rms = Some(recipe.settings.max_rms);
     output::check(&args.output, &["ply"], console)?;
     let lights = args.lights.load(console)?;

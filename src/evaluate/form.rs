@@ -51,6 +51,8 @@ pub struct BakeSettings {
     pub kernels: Vec<RawSection>,
     /// Walks through the same scene that tell the error of its model, where there are some already.
     pub walks: Option<Arc<ModelWalks>>,
+    /// Whether the ledger tells the error of a model that can be told it.
+    pub tells_model: bool,
     /// Probe lights for choices and for reported errors.
     pub probes: Probes,
     /// Results of stages of earlier bakes.
@@ -67,6 +69,7 @@ impl BakeSettings {
             model: Model::Dipole,
             kernels: Vec::new(),
             walks: None,
+            tells_model: true,
             probes: Probes::default(),
             cache: StageCache::default(),
         }

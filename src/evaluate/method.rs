@@ -173,7 +173,7 @@ impl Recipe {
         }
         let sections = self.form.record()?.into_iter().chain(parts.sections).collect();
         let mut asset = Asset { scene, samples: parts.samples, provenance, ledger: parts.ledger, sections };
-        if let Model::Calibrated(_) = self.settings.model {
+        if matches!(self.settings.model, Model::Calibrated(_)) && self.settings.tells_model {
             let walks = match &self.settings.walks {
                 Some(walks) => Some(Arc::clone(walks)),
                 // No part that walks could calibrate is one that they could tell the error of.

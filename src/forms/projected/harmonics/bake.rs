@@ -5,7 +5,7 @@ use translux_format::distant_transport::{Harmonics as File, tags};
 use translux_format::quantised_lights::Set;
 
 use super::evaluate::components;
-use super::moved::irradiance;
+use super::moved::{irradiance, moves};
 use super::returned::{Returned, radiosity};
 use crate::compress::ledger::Ledger;
 use crate::compress::prediction::Net;
@@ -33,10 +33,14 @@ const SPATIAL: f64 = 0.44;
 const CODED: f64 = 0.15;
 const ORDER: f64 = 0.65;
 
-/// Orders are compared on a set of samples coarser by this factor but with no fewer than the least, at some receivers.
+/// Orders are compared on a set of samples coarser by this factor but with no fewer than the least, where the bake has these, at some
+/// receivers.
 const COARSER: usize = 8;
 const LEAST_SAMPLES: usize = 1 << 14;
 const SOME: usize = 384;
+
+/// Orders up to which harmonics of moved light are tried, one after another: each takes as many directions as it has harmonics, several times.
+const TRIED: [usize; 5] = [8, 12, 17, 24, MOST_ORDER];
 
 /// Name of the stage of the harmonics.
 const STAGE: &str = "harmonics";
@@ -191,24 +195,30 @@ fn needed(work: &Work, progress: &dyn Progress) -> Result<Needed> {
     if let Some(order) = work.plan.order {
         return Ok(Needed { order, reached: 0.0 });
     }
-    let (scene, count) = (work.sampled.scene, work.sampled.samples.len().div_ceil(COARSER));
-    let coarse = SampledScene::new(scene, count.max(LEAST_SAMPLES)).with_model_of(work.sampled);
+    let (scene, own) = (work.sampled.scene, work.sampled.samples.len());
+    let count = own.div_ceil(COARSER).max(LEAST_SAMPLES.min(own));
+    let coarse = SampledScene::new(scene, count).with_model_of(work.sampled);
     coarse.with_transfer(NearField::for_error(work.max_rms), |transfer| {
         let (some, points) = coarse.receivers.probe_points(&coarse.areas, (SOME, 0));
         let transfer = transfer.towards(&some, &points.areas_mm2);
         let truth = transfer.radiosity(&coarse.irradiance(work.suns)?, &Silent);
-        let rows = irradiance(&coarse, (work.plan.resolution(), MOST_ORDER), progress)?;
-        let rows = transfer.radiosity(&rows, &Silent);
-        let values = AtReferences { functions: rows.lights, values: rows.values };
-        let mut reached = 0.0;
-        for order in FIRST_ORDER..=MOST_ORDER {
-            let [error] = worst(work.suns.iter().enumerate(), |(index, light)| {
-                Ok([points.error(&values.under(light, order)?, &truth.under(index))])
-            })?;
-            reached = error.rms / (work.sun * ORDER);
-            if reached <= work.max_rms {
-                return Ok(Needed { order, reached });
+        // What does not move takes one look at the surroundings, whatever the order.
+        let tried = if moves(&coarse) { &TRIED[..] } else { &TRIED[TRIED.len() - 1..] };
+        let (mut first, mut reached) = (FIRST_ORDER, 0.0);
+        for &most in tried {
+            let rows = irradiance(&coarse, (work.plan.resolution(), most), progress)?;
+            let rows = transfer.radiosity(&rows, &Silent);
+            let values = AtReferences { functions: rows.lights, values: rows.values };
+            for order in first..=most {
+                let [error] = worst(work.suns.iter().enumerate(), |(index, light)| {
+                    Ok([points.error(&values.under(light, order)?, &truth.under(index))])
+                })?;
+                reached = error.rms / (work.sun * ORDER);
+                if reached <= work.max_rms {
+                    return Ok(Needed { order, reached });
+                }
             }
+            first = most + 1;
         }
         Ok(Needed { order: MOST_ORDER, reached })
     })

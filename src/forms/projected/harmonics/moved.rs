@@ -17,6 +17,11 @@ use crate::transport::visibility::Resolution;
 const OF_A_HARMONIC: usize = 4;
 const LEAST: usize = 64;
 
+/// True if light enters elsewhere than it arrives.
+pub(super) fn moves(sampled: &SampledScene) -> bool {
+    sampled.model.as_ref().is_some_and(|model| !model.entry.is_still())
+}
+
 /// Irradiance of every sample under each spherical harmonic of an order, as [`TexelBaker::harmonics`], where kernels are calibrated
 /// moved to where it first scatters: what moving changes is summed over parallel light from directions all around.
 ///
@@ -29,7 +34,7 @@ pub(super) fn irradiance(
 ) -> Result<IrradianceRows> {
     let surface = sampled.surface();
     let rows = TexelBaker::new(&surface, resolution).harmonics(order, progress);
-    if sampled.model.as_ref().is_none_or(|model| model.entry.is_still()) {
+    if !moves(sampled) {
         return Ok(rows);
     }
     let functions = order * order;
