@@ -152,7 +152,7 @@ fn a_turned_environment_is_the_turned_body() {
 
 #[test]
 fn transport_takes_few_bytes() {
-    let scene = scene(shapes::bumpy_head(1.0, 4), Scale::DiagonalMm(30.0), "marble");
+    let scene = scene(shapes::bumpy_head(1.0, 5), Scale::DiagonalMm(30.0), "marble");
     let vertices = scene.mesh.local_mm.len();
     let size = |asset: &Asset| asset.sections.iter().map(|s| s.bytes.len()).sum::<usize>() / vertices;
     let asset = bake(&scene, &[]);

@@ -88,9 +88,11 @@ fn a_closed_furnace_has_the_geometric_series() {
             let mean = ratios.iter().sum::<DVec3>() / ratios.len() as f64;
             let worst = ratios.iter().map(|r| (*r / expected - 1.0).abs().max_element()).fold(0.0, f64::max);
             println!("eta {eta}, {times}: {mean:.4} expected {expected:.4}, worst {worst:.4}");
-            assert!(ratios.len() > 500 && (mean / expected - 1.0).abs().max_element() < 0.0025, "{mean} {expected}");
-            assert!(worst < 0.015, "{worst}");
             // A sphere of facets returns 0.3 % less, which many times would multiply: these are powers of what came back once.
+            let allowed = if count == 1 { -0.0022..0.0004 } else { -0.001..0.001 };
+            let is_right = (mean / expected - 1.0).to_array().iter().all(|error| allowed.contains(error));
+            assert!(ratios.len() > 500 && is_right, "{mean} {expected}");
+            assert!(worst < 0.015, "{worst}");
             back = if count == 1 { mean - 1.0 } else { back };
         }
     }

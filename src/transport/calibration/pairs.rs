@@ -30,6 +30,9 @@ const INNERMOST: f64 = 0.1;
 /// Probes of one task.
 const CHUNK: u64 = 16;
 
+/// Distances of pairs far apart for each factor of e: what is linear between them is exact, and the rest 1e-5 off.
+const STEPS: f64 = 256.0;
+
 /// Powers of the height: 0, 1, 2.
 pub(super) const POWERS: usize = 3;
 
@@ -53,22 +56,61 @@ pub(super) fn moments(body: &Body, profile: &dyn Profile, splines: &Splines, see
     let (probes, points) = (spread(PROBES, 1), spread(POINTS, 2));
     let near_mm = NEAR * (area / POINTS as f64).sqrt();
     let of_chunk = |(chunk, probes): (usize, &[SurfacePoint])| {
+        let mut far = Far::new(near_mm, body.diagonal_mm);
         let mut sums = Sums { splines, profile, of: vec![[[0.0; POWERS]; SUPPORT]; splines.len()] };
         for (i, &probe) in probes.iter().enumerate() {
             let mut stream = Stream::new(mix(seed ^ 3), chunk as u64 * CHUNK + i as u64);
-            sums.far(probe, &points, (near_mm, area / POINTS as f64));
+            points.iter().for_each(|&point| far.add(probe, point));
             sums.near(body, probe, near_mm, &mut stream);
         }
-        sums.of
+        (sums.of, far)
     };
-    let chunks: Vec<Moments> = probes.par_chunks(CHUNK as usize).enumerate().map(of_chunk).collect();
-    let mut total = vec![[[0.0; POWERS]; SUPPORT]; splines.len()];
-    let weight = area / PROBES as f64;
-    for chunk in chunks {
-        let entries = total.as_flattened_mut().as_flattened_mut();
-        entries.iter_mut().zip(chunk.as_flattened().as_flattened()).for_each(|(t, p)| *t += weight * p);
+    let chunks: Vec<(Moments, Far)> = probes.par_chunks(CHUNK as usize).enumerate().map(of_chunk).collect();
+    let mut far = Far::new(near_mm, body.diagonal_mm);
+    let mut total = Sums { splines, profile, of: vec![[[0.0; POWERS]; SUPPORT]; splines.len()] };
+    let add = |to: &mut [f64], from: &[f64]| to.iter_mut().zip(from).for_each(|(t, p)| *t += p);
+    for (near, of_chunk) in &chunks {
+        add(total.of.as_flattened_mut().as_flattened_mut(), near.as_flattened().as_flattened());
+        add(far.of.as_flattened_mut(), of_chunk.of.as_flattened());
     }
-    total
+    for (step, powers) in far.of.iter().enumerate().filter(|(_, powers)| powers[0] > 0.0) {
+        total.add(far.at(step), powers.map(|sum| sum * (area / POINTS as f64)));
+    }
+    total.of.as_flattened_mut().as_flattened_mut().iter_mut().for_each(|sum| *sum *= area / PROBES as f64);
+    total.of
+}
+
+/// Pairs that are no nearer than a distance, and their heights and squared heights, by the logarithm of the distance.
+struct Far {
+    from_mm: f64,
+    of: Vec<[f64; POWERS]>,
+}
+
+impl Far {
+    fn new(from_mm: f64, to_mm: f64) -> Self {
+        let steps = ((to_mm / from_mm).max(1.0).ln() * STEPS) as usize;
+        Self { from_mm, of: vec![[0.0; POWERS]; steps + 3] }
+    }
+
+    fn add(&mut self, o: SurfacePoint, i: SurfacePoint) {
+        let (r, heights) = distance_and_heights(o, i);
+        let place = (r / self.from_mm).ln() * STEPS;
+        if place >= 0.0 {
+            let step = (place as usize).min(self.of.len() - 2);
+            let along = (place - step as f64).min(1.0);
+            for (sums, share) in self.of[step..step + 2].iter_mut().zip([1.0 - along, along]) {
+                let product = share * heights;
+                sums[0] += share;
+                sums[1] += product;
+                sums[2] += product * heights;
+            }
+        }
+    }
+
+    /// The distance of a step, mm.
+    fn at(&self, step: usize) -> f64 {
+        self.from_mm * (step as f64 / STEPS).exp()
+    }
 }
 
 struct Sums<'a> {
@@ -78,34 +120,23 @@ struct Sums<'a> {
 }
 
 impl Sums<'_> {
-    /// Adds a pair at a distance with heights (mm), which stands for so much of the surface, mm^2.
-    fn add(&mut self, r: f64, heights: f64, area: f64) {
-        let h = heights * self.splines.fade_per_mm(r);
+    /// Adds pairs at a distance (mm): how much of the surface they stand for, mm^2, and that times their heights and squared heights (mm).
+    fn add(&mut self, r: f64, powers: [f64; POWERS]) {
+        let fade = self.splines.fade_per_mm(r);
         let (first, values) = self.splines.at(r);
-        let weight = area * self.profile.reflectance(r);
+        let reflectance = self.profile.reflectance(r);
+        let faded = [powers[0], powers[1] * fade, powers[2] * fade * fade].map(|power| reflectance * power);
         for (j, &left) in values.iter().enumerate() {
             let Some(entry) = self.of.get_mut(first + j) else { continue };
             for (sums, &right) in entry.iter_mut().zip(&values[j..]) {
-                let product = weight * left * right;
-                sums[0] += product;
-                sums[1] += product * h;
-                sums[2] += product * h * h;
-            }
-        }
-    }
-
-    fn far(&mut self, probe: SurfacePoint, points: &[SurfacePoint], (near_mm, area): (f64, f64)) {
-        for &point in points {
-            let (r, heights) = distance_and_heights(probe, point);
-            if r >= near_mm {
-                self.add(r, heights, area);
+                sums.iter_mut().zip(faded).for_each(|(sum, power)| *sum += left * right * power);
             }
         }
     }
 
     fn near(&mut self, body: &Body, probe: SurfacePoint, near_mm: f64, stream: &mut Stream) {
         let inner = (INNERMOST * self.splines.first_mm).min(0.5 * near_mm);
-        self.add(0.5 * inner, 0.0, PI * inner * inner);
+        self.add(0.5 * inner, [PI * inner * inner, 0.0, 0.0]);
         let (tangent, bitangent) = probe.normal.any_orthonormal_pair();
         let axes = [probe.normal, tangent, bitangent];
         let growth = (near_mm / inner).ln();
@@ -140,7 +171,7 @@ impl Sums<'_> {
                     // A crossing at the very end of the lines' reach has no density by rounding.
                     let density = density(at_mm, normal);
                     if r < near_mm && density > 0.0 {
-                        self.add(r, heights, 1.0 / density);
+                        self.add(r, [1.0, heights, heights * heights].map(|power| power / density));
                     }
                 }
             }
