@@ -89,9 +89,9 @@ fn box_tree_misses_nothing_that_a_loop_over_triangles_finds() {
         let sees = tree.sees(own as u32, ray);
         assert_eq!(sees, tree.sees_by_loop(own as u32, ray), "ray {i}");
         if sees {
-            free += 1
+            free += 1;
         } else {
-            blocked += 1
+            blocked += 1;
         }
         // With others from elsewhere on its triangle, which go another way or to a place that all share.
         if i % 16 == 0 {

@@ -40,7 +40,7 @@ const LEAST_SAMPLES: usize = 1 << 14;
 const SOME: usize = 384;
 
 /// Orders up to which harmonics of moved light are tried, one after another: each takes as many directions as it has harmonics, several times.
-const TRIED: [usize; 5] = [8, 12, 17, 24, MOST_ORDER];
+const TRIED: [usize; 3] = [8, 16, MOST_ORDER];
 
 /// Name of the stage of the harmonics.
 const STAGE: &str = "harmonics";
