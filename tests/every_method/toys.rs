@@ -29,7 +29,7 @@ fn run(program: &Path, folder: &Path, line: &str) -> Output {
 
 #[test]
 fn a_method_and_a_form_from_outside_are_whole_programs() {
-    let model = shapes::bumpy_head(1.0, 2);
+    let model = shapes::bumpy_head(1.0, 3);
     let mut obj = String::new();
     model.positions.iter().for_each(|p| obj += &format!("v {} {} {}\n", p.x, p.y, p.z));
     model.triangles.iter().for_each(|t| obj += &format!("f {} {} {}\n", t[0] + 1, t[1] + 1, t[2] + 1));
