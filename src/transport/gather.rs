@@ -55,6 +55,8 @@ pub struct Gather<'a> {
     /// Factors of the samples, RGB; empty where there are none.
     factors: &'a [DVec3],
     near: NearField,
+    /// Radius of a group of receivers above which what is near is summed for each alone, mm.
+    narrow_mm: f64,
     level: InstructionSet,
 }
 
@@ -158,7 +160,16 @@ impl<'a> Gather<'a> {
         (kernels, of_part): (Vec<MediumKernel>, Vec<Option<u32>>),
         near: NearField,
     ) -> Self {
-        Self { surface: *surface, tree, kernels, of_part, factors: &[], near, level: InstructionSet::detect() }
+        Self {
+            surface: *surface,
+            tree,
+            kernels,
+            of_part,
+            factors: &[],
+            near,
+            narrow_mm: near.narrow_mm(surface.patches),
+            level: InstructionSet::detect(),
+        }
     }
 
     /// A gather with calibrated kernels, and which of them each part has; `factors` are those of the samples, RGB.
@@ -215,9 +226,8 @@ impl<'a> Gather<'a> {
         progress.start("transfer", receivers.len() as u64);
         let mut result = vec![DVec3::ZERO; receivers.len()];
         let jobs = receivers.groups.par_iter().zip(receivers.cut(&mut result, 1));
-        let narrow_mm = self.near.narrow_mm(self.surface.patches);
         jobs.for_each_init(Lists::default, |lists, (group, out)| {
-            let is_wide = receivers.sphere(*group).radius_mm > narrow_mm;
+            let is_wide = receivers.sphere(*group).radius_mm > self.narrow_mm;
             self.group(receivers, *group, lit, (scheme, is_wide), lists);
             for (i, value) in out.iter_mut().enumerate() {
                 let sum = lists.block.sum(i) + lists.alone.get(i).copied().unwrap_or_default();

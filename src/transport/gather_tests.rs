@@ -218,7 +218,16 @@ fn models_of_one_triangle_of_twin_sheets_and_of_a_micron_are_exact() {
 
 #[test]
 fn receivers_that_are_far_apart_are_summed_together_as_alone() {
-    let fixture = Fixture::new(shapes::bumpy_head(10.0, 4), unit_medium(), 3000);
+    // Patches are smaller than the depth of the sources, some times as large (all but where points may stand for them), and far larger.
+    for density in [1.0, 10.0, 100.0] {
+        far_apart_as_alone(density);
+    }
+}
+
+fn far_apart_as_alone(density: f64) {
+    let OpticalProperties { sigma_s_reduced_per_mm, sigma_a_per_mm, .. } = unit_medium();
+    let dense = medium(density * sigma_s_reduced_per_mm, density * sigma_a_per_mm, 1.3);
+    let fixture = Fixture::new(shapes::bumpy_head(10.0, 4), dense, 3000);
     let receivers = fixture.receivers(16);
     let e: Vec<DVec3> = (0..3000).map(|i| DVec3::new(1.0, f64::from(i % 3), f64::from(i % 7))).collect();
     let apart: Vec<u32> = (0..receivers.len() as u32).step_by(29).collect();
@@ -239,5 +248,7 @@ fn receivers_that_are_far_apart_are_summed_together_as_alone() {
         error(NearField::REFERENCE, 16)
     );
     let [together, alone] = [16, 1].map(|capacity| error(NearField::FAST, capacity));
-    assert!(together < 1.1 * alone && alone < 0.01, "{together} {alone}");
+    // Single precision within a block, as above: 2^-25 of its extent against the depth of the sources.
+    let rounding = 1e-6 * density;
+    assert!(together < 1.1 * alone + rounding && alone < 0.01, "{density}: {together} {alone}");
 }

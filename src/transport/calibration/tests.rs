@@ -348,10 +348,10 @@ fn weights_of_many_lights_hold_layers_and_the_factors_of_both_ends() {
     let areas = vec![1.0; receivers.len()];
     let apart: Vec<u32> = (0..receivers.len() as u32).step_by(17).collect();
     let even = vec![DVec3::ONE; factors.len()];
-    let one_by_one = Gather::calibrated(&surface, &fixture.tree, (&calibrated.kernels, &factors), NearField::REFERENCE);
+    let exact = Gather::calibrated(&surface, &fixture.tree, (&calibrated.kernels, &factors), NearField::REFERENCE);
     let [together, alone] = [16, 1].map(|capacity| {
         let some = receivers.only(&apart, capacity);
-        one_by_one.radiosity(&some, &one_by_one.light(&even), Scheme::AllPairs, &Silent)
+        exact.radiosity(&some, &exact.light(&even), Scheme::AllPairs, &Silent)
     });
     assert!(relative_rms(&together, &alone) < 1e-4);
     let columns: Vec<Vec<DVec3>> = [DVec3::new(0.3, 0.8, 0.5), DVec3::new(-0.9, 0.2, 0.1), DVec3::NEG_Y]

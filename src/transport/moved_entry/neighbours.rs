@@ -180,3 +180,33 @@ pub(super) fn neighbours(surface: &Surface, facets: &Facets, (sample, part): (us
     }
     around
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::shapes;
+    use crate::transport::test_scene::{Fixture, named};
+
+    #[test]
+    fn the_tree_of_cuts_finds_the_sample_around_every_point() {
+        for (model, samples) in [
+            (shapes::cuboid(DVec3::new(20.0, 1.0, 7.0), 1), 5000),
+            (shapes::bumpy_head(10.0, 2), 2000),
+            // Samples of many triangles.
+            (shapes::bumpy_head(10.0, 4), 300),
+        ] {
+            let fixture = Fixture::new(model, named("marble"), samples);
+            let surface = fixture.surface();
+            let facets = Facets::new(&surface);
+            for sample in 0..fixture.samples.len() {
+                for facet in fixture.samples.patch(sample) {
+                    let corners = facet.corners_local_mm(&fixture.scene.mesh);
+                    let centre = corners.iter().sum::<DVec3>() / 3.0;
+                    for point in [centre, centre.lerp(corners[0], 0.99), centre.lerp(corners[2], 0.99)] {
+                        assert_eq!(facets.at(facet.triangle, point), Some(sample as u32), "{facet:?}");
+                    }
+                }
+            }
+        }
+    }
+}
