@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
+use crate::math::parallel::*;
 
 /// Receives the progress of one stage after another. Implementations must be cheap to call from many threads.
 pub trait Progress: Sync {

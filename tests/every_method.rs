@@ -318,11 +318,14 @@ fn exitance_at_points_is_that_of_the_vertices() {
         let mut evaluator = Shared::Group.baked(method);
         let values = lit(evaluator.as_mut(), lights.clone());
         let promised = promise(evaluator.as_mut());
+        let settings = BakeSettings::new(method.default_max_rms());
+        let serves_points = method.recipe(&short(method), settings).unwrap().form.serves_points();
         if let Err(refused) = evaluator.prepare_points(&Silent) {
             assert_eq!(refused.code(), ExitCode::Unsupported, "{}", method.name());
-            assert!(evaluator.exitance_at_points().is_none(), "{}", method.name());
+            assert!(evaluator.exitance_at_points().is_none() && !serves_points, "{}", method.name());
             continue;
         }
+        assert!(serves_points, "{}", method.name());
         let exitance = evaluator.exitance_at_points().unwrap();
         gathered += 1;
         let found = exitance.at_each(&corners, &Silent);

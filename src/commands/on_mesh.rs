@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::console::Console;
 use super::lights::ResolvedLights;
@@ -16,6 +15,7 @@ use crate::geometry::mesh::Mesh;
 use crate::geometry::nearest::{NearestPoint, SurfacePoint};
 use crate::import::file::{Input, files_of};
 use crate::import::load_mesh;
+use crate::math::parallel::*;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::render::normals::welded_normals_mm2;
 use crate::report::comparison::vertex_areas;

@@ -5,9 +5,8 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
-
 use crate::geometry::scattered::{Kriging, OrientedPoint, Weights, choose};
+use crate::math::parallel::*;
 
 /// Number of sources that a point is predicted from.
 const SOURCES: usize = 12;

@@ -3,13 +3,13 @@
 use std::ops::Range;
 
 use glam::DVec3;
-use rayon::prelude::*;
 use translux_format::RawSection;
 use translux_format::rows::{self, FACES, IrradianceRows};
 
 use super::row_blocks;
 use crate::error::{Error, Result};
 use crate::light::cube_light::CubeLight;
+use crate::math::parallel::*;
 use crate::math::slices::cut;
 use crate::medium::entrance_basis::{EntranceBasis, MOST_TERMS};
 

@@ -6,9 +6,9 @@
 //! leaves the exitance of the vertices in the memory of the device, which interpolates it over each triangle.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use crate::geometry::mesh::Mesh;
+use crate::math::parallel::*;
 use crate::progress::Progress;
 
 /// A point of a triangle mesh.

@@ -149,6 +149,12 @@ pub trait Form: Serialize + DeserializeOwned + Send + Sync + 'static {
         true
     }
 
+    /// Returns whether its evaluators give exitance at any point of the surface
+    /// ([`Evaluator::exitance_at_points`](super::Evaluator::exitance_at_points)).
+    fn serves_points(&self) -> bool {
+        false
+    }
+
     /// Returns whether its kernels can follow a model.
     fn serves(&self, model: Model) -> bool {
         model == Model::Dipole
@@ -203,6 +209,9 @@ pub trait AnyForm: Any + Send + Sync {
     /// See [`Form::holds_transport`].
     fn holds_transport(&self) -> bool;
 
+    /// See [`Form::serves_points`].
+    fn serves_points(&self) -> bool;
+
     /// See [`Form::serves`].
     fn serves(&self, model: Model) -> bool;
 
@@ -248,6 +257,10 @@ impl<F: Form> AnyForm for F {
 
     fn holds_transport(&self) -> bool {
         Form::holds_transport(self)
+    }
+
+    fn serves_points(&self) -> bool {
+        Form::serves_points(self)
     }
 
     fn serves(&self, model: Model) -> bool {

@@ -1,13 +1,13 @@
 //! Single scattering at run time: the interface that evaluators offer to renderers, and the truth by rays.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::capabilities::SingleScattering as Place;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
+use crate::math::parallel::*;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::receivers::ProbePoints;
@@ -204,7 +204,7 @@ impl Traced {
                 true => single.per_point(&p, key + keys),
                 false => single.radiance(&p, aslant(p.normal), Path::Refracted, key + keys),
             };
-            points.par_iter().copied().map(of).collect()
+            points.par_iter().map(|&point| of(point)).collect()
         });
         let mean: Vec<DVec3> = one.iter().zip(&other).map(|(a, b)| 0.5 * (*a + *b)).collect();
         let towards = if per_vertex { "" } else { ", towards an eye" };

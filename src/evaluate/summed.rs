@@ -1,7 +1,6 @@
 //! Radiosity and single scattering in one sum, for renderers.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::capabilities::SingleScattering;
 use super::evaluator::Evaluator;
@@ -9,6 +8,7 @@ use super::forward::forward_scene;
 use super::single_scattering::{SeenPoint, TowardsEye};
 use crate::error::Result;
 use crate::light::Light;
+use crate::math::parallel::*;
 use crate::medium::fresnel::transmittance;
 use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;

@@ -13,7 +13,6 @@ use std::collections::HashMap;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use glam::DVec3;
-use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use crate::error::{Error, Result};
@@ -23,6 +22,7 @@ use crate::light::quantised::directions::DirectionSet;
 use crate::light::quantised::interpolation::{Interpolator, Scheme};
 use crate::math::cholesky::Cholesky;
 use crate::math::leading::leading_eigen;
+use crate::math::parallel::*;
 use crate::progress::{Progress, Silent};
 use crate::render::normals::ShadingNormals;
 use crate::scene::Scene;
@@ -97,7 +97,7 @@ impl Turned {
         let mut turned = Self { interpolator, functions, codes, weights: Vec::new(), areas, products: None };
         turned.products = turned.products();
         let fitted: Vec<Vec<DVec3>> = columns
-            .par_chunks_exact(3)
+            .par_chunks(3)
             .map(|of| turned.fit(|v| DVec3::from_array([0, 1, 2].map(|c| f64::from(of[c][v])))))
             .collect();
         turned.weights = fitted.iter().flatten().map(|weight| weight.as_vec3().to_array()).collect();
@@ -140,7 +140,7 @@ impl Turned {
         if self.functions == 0 {
             return vec![DVec3::ZERO; self.areas.len()];
         }
-        self.codes.par_chunks_exact(self.functions).map(of).collect()
+        self.codes.par_chunks(self.functions).map(of).collect()
     }
 
     fn rows(&self) -> impl Iterator<Item = (usize, &[i8], f64)> {
@@ -191,7 +191,7 @@ fn functions(columns: &[Vec<f32>], areas: &[f64]) -> Result<(usize, Vec<i8>)> {
     // Errors are relative to what the channel has under the light.
     let scales: Vec<f64> = squares.iter().map(|square| square.sqrt().max(DARK * brightest).recip()).collect();
     let mut gram = vec![0.0; count * count];
-    gram.par_chunks_exact_mut(count).enumerate().for_each(|(i, row)| {
+    gram.par_chunks_mut(count).enumerate().for_each(|(i, row)| {
         let others = columns[..=i].iter().zip(&scales);
         row.iter_mut()
             .zip(others)

@@ -145,7 +145,7 @@ struct Subdivision {
 impl Subdivision {
     /// Clusters of every part down to single triangles.
     fn new(mesh: &Mesh, parts: &PartTable) -> Self {
-        use rayon::prelude::*;
+        use crate::math::parallel::*;
         let triangles: Vec<Triangle> = (0..mesh.triangles.len() as u32)
             .into_par_iter()
             .map(|t| {
@@ -328,7 +328,7 @@ pub struct Patch {
 
 /// Centroid, area, radius and normal of every patch.
 pub fn patches(mesh: &Mesh, samples: &Samples) -> Vec<Patch> {
-    use rayon::prelude::*;
+    use crate::math::parallel::*;
     (0..samples.len()).into_par_iter().map(|i| measure(mesh, samples.patch(i))).collect()
 }
 
@@ -370,7 +370,7 @@ pub struct Spacing {
 
 /// Measures the spacing of patches on a regular subset of at most `probes` of them.
 pub fn spacing(patches: &[Patch], probes: usize) -> Spacing {
-    use rayon::prelude::*;
+    use crate::math::parallel::*;
     let n = patches.len().max(1) as f64;
     let mean_area = patches.iter().map(|p| p.area_mm2).sum::<f64>() / n;
     let area_variance = patches.iter().map(|p| (p.area_mm2 - mean_area).powi(2)).sum::<f64>() / n;
@@ -378,10 +378,9 @@ pub fn spacing(patches: &[Patch], probes: usize) -> Spacing {
     let mut order: Vec<u32> = (0..patches.len() as u32).collect();
     order.sort_by(|&a, &b| patches[a as usize].centre_mm.x.total_cmp(&patches[b as usize].centre_mm.x).then(a.cmp(&b)));
     let step = (patches.len() / probes.max(1)).max(1);
-    let distances: Vec<f64> = (0..patches.len())
+    let distances: Vec<f64> = (0..patches.len().div_ceil(step))
         .into_par_iter()
-        .step_by(step)
-        .filter_map(|i| nearest(patches, &order, i))
+        .filter_map(|i| nearest(patches, &order, i * step))
         .map(|d| d / nominal)
         .collect();
     let count = distances.len().max(1) as f64;

@@ -11,8 +11,9 @@ use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
 
 use glam::DVec3;
-use rayon::prelude::*;
+use rayon::slice::ParallelSliceMut;
 
+use crate::math::parallel::*;
 use crate::math::random::bits;
 use crate::math::simd::{InstructionSet, multiversion};
 

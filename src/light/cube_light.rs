@@ -3,13 +3,13 @@
 use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::Light;
 use super::environment::{EnvironmentMap, Rotation};
 use crate::error::{Error, Result};
 use crate::math::cube_map::{FACES, solid_angles_sr, texel_of};
 use crate::math::haar::Haar;
+use crate::math::parallel::*;
 
 /// Pieces of a pixel are at most this fraction of a texel wide.
 const PIECES_PER_TEXEL: usize = 16;

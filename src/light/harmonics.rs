@@ -6,12 +6,12 @@
 use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::Light;
 use super::environment::EnvironmentMap;
 use super::quantised::vector::distant;
 use crate::error::{Error, Result};
+use crate::math::parallel::*;
 use crate::math::sh::real_sh;
 
 /// Pieces of light that are summed together.

@@ -15,12 +15,12 @@
 //! - The maps are in world axes, as rows are. A turned rectangle is another field.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 pub use super::validate::POINTS;
 
 use super::rectangle_map::{RectangleMaps, Seen, UnitRectangle};
 use crate::error::{Error, Result};
+use crate::math::parallel::*;
 
 /// Share of the sum of the squares of a map's coefficients that is dropped, the smallest first.
 const DROPPED: f64 = 1e-4;

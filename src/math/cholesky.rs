@@ -1,7 +1,6 @@
 //! Cholesky factors of a dense matrix, with the same bits on any number of threads.
 
-use rayon::prelude::*;
-
+use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, multiversion};
 use crate::math::svd::dot;
 

@@ -4,9 +4,8 @@
 //! Van Loan 2013, 8.3). The reflections and rotations are kept and then applied to blocks of columns of the unit
 //! matrix: each block stays in the nearest caches and waits for no other. Every sum has a fixed order.
 
-use rayon::prelude::*;
-
 use crate::error::{Error, Result};
+use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, multiversion};
 use crate::math::svd::{dot, with_sign};
 
@@ -126,7 +125,7 @@ fn tridiagonal(a: &mut [f64], n: usize) -> (Vec<Reflection>, Vec<f64>, Vec<f64>)
         if n - k - 1 < FEW_ROWS {
             below.chunks_exact_mut(n).zip(&mut product[k + 1..]).enumerate().for_each(|(i, pair)| update(i, pair));
         } else {
-            let rows = below.par_chunks_exact_mut(n).zip(&mut product[k + 1..]);
+            let rows = below.par_chunks_mut(n).zip(&mut product[k + 1..]);
             rows.with_min_len(FEW_ROWS / 4).enumerate().for_each(|(i, pair)| update(i, pair));
         }
         // (I - v v^T) A (I - v v^T) = A - v w^T - w v^T with w = A v - (v^T A v / 2) v.

@@ -4,14 +4,13 @@
 //! Ritz values are lower bounds, so that the trace less their sum bounds what is left out. Where a tenth of the pairs is needed, as
 //! of smooth radiosity under many lights, that takes a sixteenth of the time of all pairs (142 of 1600, on one thread).
 
-use rayon::prelude::*;
-
 use super::eigen::{Eigen, symmetric_eigen};
 use super::random::uniform;
 use super::simd::{InstructionSet, multiversion};
 use super::sparse::blocks::{self, Row, Small, WIDTH};
 use super::svd::with_sign;
 use crate::error::Result;
+use crate::math::parallel::*;
 
 /// Orders up to which all pairs are found, and the share of the order above which that is faster.
 const SMALL: usize = 192;

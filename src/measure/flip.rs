@@ -19,10 +19,10 @@ use std::f64::consts::PI;
 use std::ops::Range;
 
 use glam::DVec3;
-use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::error::{Error, Result};
+use crate::math::parallel::*;
 use colour::{Colours, luminance, tone_curve_inverse, tone_mapped};
 use filters::{Filters, Plane};
 

@@ -5,7 +5,8 @@ use super::request::Request;
 use crate::error::Result;
 use crate::evaluate::{BakeSettings, Forecast, Method, Model, Recipe, Registry};
 use crate::light::LightKind;
-use crate::report::text::megabytes;
+use crate::math::statistics::VertexError;
+use crate::report::text::{megabytes, percent};
 use crate::scene::Scene;
 
 /// Numbers of samples that are tried: powers of two.
@@ -48,8 +49,13 @@ struct Family {
 
 impl Candidates {
     /// Every way to bake that serves the request, as far as it can be told without work; `mesh_bytes` is what the mesh takes in the
-    /// file, and `memory` what a bake may take.
-    pub(super) fn new(registry: &Registry, request: &Request, scene: &Scene, (mesh_bytes, memory): (u64, u64)) -> Self {
+    /// file, and `memory` what a bake may take. Where `between` is an error between vertices, only what serves points has none.
+    pub(super) fn new(
+        registry: &Registry,
+        request: &Request,
+        (scene, between): (&Scene, Option<VertexError>),
+        (mesh_bytes, memory): (u64, u64),
+    ) -> Self {
         let mut result = Self { all: Vec::new(), considered: Vec::new(), families: Vec::new() };
         for method in registry.methods() {
             for keys in method.planned() {
@@ -60,14 +66,20 @@ impl Candidates {
                     if !with_environment && !family.has_choice(request, scene) {
                         continue;
                     }
-                    result.add(&family, request, scene, (mesh_bytes, memory));
+                    result.add(&family, request, (scene, between), (mesh_bytes, memory));
                 }
             }
         }
         result
     }
 
-    fn add(&mut self, family: &Family, request: &Request, scene: &Scene, (mesh_bytes, memory): (u64, u64)) {
+    fn add(
+        &mut self,
+        family: &Family,
+        request: &Request,
+        (scene, between): (&Scene, Option<VertexError>),
+        (mesh_bytes, memory): (u64, u64),
+    ) {
         let index = self.families.len();
         self.families.push(family.name(request));
         let unasked = request.max_rms_may_grow && request.model != Model::Dipole;
@@ -83,6 +95,11 @@ impl Candidates {
             let served = recipe.form.kinds();
             if let Some(kind) = request.for_lights.iter().find(|kind| !served.contains(kind)) {
                 let why = format!("does not serve {} light", kind.name());
+                return self.drop_family(family, request, why);
+            }
+            if let Some(error) = between.filter(|_| !recipe.form.serves_points()) {
+                let why =
+                    format!("its radiosity ends at the vertices, and between them that is {} off", percent(error.rms));
                 return self.drop_family(family, request, why);
             }
             let Some(forecast) = recipe.form.forecast(scene, &recipe.settings) else {

@@ -25,7 +25,7 @@ use self::choice::Choice;
 use self::lights::{Purpose, lights};
 pub use self::record::{Attempt, Considered, Expected, Left, Plan, SCHEMA, Timings};
 pub use self::request::{DEFAULT_MAX_RMS, Edits, Request};
-use self::truth::{Inside, Places, Sampling, TrueSums, Truth, samples_of_a_choice, telling};
+use self::truth::{Inside, Places, Sampling, TrueSums, Truth, between_few_vertices, samples_of_a_choice, telling};
 use self::verdict::{Verdict, misses};
 use crate::asset::{Asset, Provenance};
 use crate::compress::ledger::Ledger;
@@ -41,7 +41,7 @@ use crate::report::text::{percent, significant};
 use crate::scene::Scene;
 use crate::transport::calibration::any_is_closed;
 
-/// Vertices at which the choice measures.
+/// Places at which the choice measures.
 const PLACES: usize = 128;
 
 /// Bakes at most: what was expected to meet the request and did not is replaced so often.
@@ -76,7 +76,8 @@ pub struct Setting<'a> {
 /// Failures of the work. A request that cannot be met is none: the plan says so.
 pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn Progress) -> Result<Planned> {
     let started = Instant::now();
-    let Prepared { all, families, mut plan, kernels, truth, mut sums } = prepared(request, scene, setting, progress)?;
+    let Prepared { all, families, mut plan, kernels, between, truth, mut sums } =
+        prepared(request, scene, setting, progress)?;
     let request = &plan.request.clone();
     let mut sampling = Sampling::new(scene, &kernels, (truth, sums.samples), request);
     let mut choice = Choice::new(&all, request, families);
@@ -97,7 +98,7 @@ pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
         let judging = Instant::now();
         let judge = match verdict.take().filter(|verdict| verdict.suits(candidate)) {
             Some(verdict) => verdict,
-            None => Verdict::new(&mut sums, (scene, request), candidate, &asset, progress)?,
+            None => Verdict::new(&mut sums, (scene, request, between), candidate, &asset, progress)?,
         };
         let sizes = sizes(&asset.to_bytes()?)?;
         let evaluator = evaluator.map_or_else(|| setting.registry.open(Arc::new(asset.clone())), Ok)?;
@@ -129,7 +130,7 @@ pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
 /// # Errors
 /// Failures of the work.
 pub fn choose(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn Progress) -> Result<Option<Recipe>> {
-    let Prepared { all, families, mut plan, kernels, truth, sums } = prepared(request, scene, setting, progress)?;
+    let Prepared { all, families, mut plan, kernels, truth, sums, .. } = prepared(request, scene, setting, progress)?;
     let request = &plan.request.clone();
     let mut sampling = Sampling::new(scene, &kernels, (truth, sums.samples), request);
     let next = Choice::new(&all, request, families).next(&mut plan.considered, &mut sampling)?;
@@ -142,6 +143,8 @@ struct Prepared {
     families: usize,
     plan: Plan,
     kernels: Vec<RawSection>,
+    /// Whether vertices alone say nothing of the surface.
+    between: bool,
     truth: Truth,
     sums: TrueSums,
 }
@@ -152,7 +155,9 @@ fn prepared(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
     let model = if has_volume { request.model } else { Model::Dipole };
     let Inside { kernels, walks, error } = Inside::new(model, scene, progress)?;
     let request = &Request { model, ..request.beside(error) };
-    let found = Candidates::new(setting.registry, request, scene, (mesh_bytes(scene)?, setting.max_memory));
+    let between = between_few_vertices(scene, PLACES, progress)?;
+    let costs = (mesh_bytes(scene)?, setting.max_memory);
+    let found = Candidates::new(setting.registry, request, (scene, between), costs);
     let Candidates { mut all, considered, families } = found;
     let plan = Plan::new(request, (Body::of(scene), error), considered);
     let mut probes = for_bake(&scene.mesh);
@@ -160,7 +165,8 @@ fn prepared(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
         lights.retain(|light| request.for_lights.contains(&light.kind()));
     }
     let seen = telling(lights(scene, &request.for_lights, Purpose::Choice)?, scene, request.model);
-    let seen = (seen, Places::new(scene, PLACES, 0));
+    let between = between.is_some();
+    let places = if between { Places::between(scene, PLACES, 0) } else { Places::new(scene, PLACES, 0) };
     let samples = samples_of_a_choice(scene, request.max_rms, request.model);
     for candidate in &mut all {
         candidate.recipe.settings.probes.clone_from(&probes);
@@ -169,8 +175,8 @@ fn prepared(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
         candidate.recipe.settings.cache = setting.cache.clone();
     }
     let mut sums = TrueSums::new(scene, samples, kernels.clone());
-    let truth = Truth::new(&mut sums, seen, progress)?;
-    Ok(Prepared { all, families: families.len(), plan, kernels, truth, sums })
+    let truth = Truth::new(&mut sums, (seen, places), progress)?;
+    Ok(Prepared { all, families: families.len(), plan, kernels, between, truth, sums })
 }
 
 /// What the mesh takes in a file, bytes: nothing that a method adds.

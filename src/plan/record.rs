@@ -140,8 +140,10 @@ pub struct Attempt {
     pub worst_light: String,
     /// Number of lights that no choice saw.
     pub lights: usize,
-    /// Number of vertices that no choice saw.
+    /// Number of vertices at which it was measured; where there are enough, no choice saw them.
     pub vertices: usize,
+    /// Number of further points between vertices, where these alone say nothing of the surface.
+    pub between: usize,
     /// What it misses of the request, in words; empty where it meets it.
     pub misses: Vec<String>,
 }
@@ -260,12 +262,15 @@ impl Plan {
         if let Some((last, chosen)) = kept.and_then(|kept| Some((kept, self.considered.get(kept.considered)?))) {
             lines.push(format!("chosen: {}, {}", chosen.name(), self.reason(chosen)));
             lines.push(format!(
-                "measured: {} RMS, worst vertex {}, dark part {}, against sums over all pairs at {} vertices under {} lights that the \
+                "measured: {} RMS, worst vertex {}, dark part {}, against sums over all pairs at {} under {} lights that the \
                  choice did not see, the worst {}{}",
                 percent(last.error.rms),
                 percent(last.error.worst),
                 percent(last.error.dark),
-                last.vertices,
+                match last.between {
+                    0 => format!("{} vertices", last.vertices),
+                    between => format!("{} points of the surface", last.vertices + between),
+                },
                 last.lights,
                 last.worst_light,
                 match &chosen.expected {

@@ -8,7 +8,7 @@ use super::choice::Choice;
 use super::lights::{Purpose, lights};
 use super::record::{Considered, Left};
 use super::request::{DEFAULT_MAX_RMS, Edits, Request};
-use super::truth::{Places, Sampling, TrueSums, Truth, samples_of_a_choice, telling};
+use super::truth::{Places, Sampling, TrueSums, Truth, between_few_vertices, samples_of_a_choice, telling};
 use super::{PLACES, mesh_bytes};
 use crate::evaluate::Model;
 use crate::geometry::mesh::{Mesh, Placement};
@@ -38,7 +38,7 @@ fn request(max_rms: f64, kinds: &[LightKind]) -> Request {
 fn chosen(scene: &Scene, request: &Request) -> (Option<Considered>, Vec<Considered>, String) {
     let memory = u64::MAX;
     let Candidates { all, mut considered, families } =
-        Candidates::new(&built_in(), request, scene, (mesh_bytes(scene).unwrap(), memory));
+        Candidates::new(&built_in(), request, (scene, None), (mesh_bytes(scene).unwrap(), memory));
     let seen = telling(lights(scene, &request.for_lights, Purpose::Choice).unwrap(), scene, request.model);
     let samples = samples_of_a_choice(scene, request.max_rms, request.model);
     let mut sums = TrueSums::new(scene, samples, Vec::new());
@@ -106,7 +106,7 @@ fn the_model_decides_what_can_be_stored() {
     assert!(considered.iter().any(|c| c.family.contains("stored") && c.why.contains("holds the dipole")));
     // Stored transport of calibrated kernels errs by the samples that it is baked from too.
     let erring = |request: &Request| -> Vec<bool> {
-        let all = Candidates::new(&built_in(), request, &ball, (0, u64::MAX)).all;
+        let all = Candidates::new(&built_in(), request, (&ball, None), (0, u64::MAX)).all;
         let stored = all.iter().filter(|c| c.forecast.samples.is_none() && c.recipe.form.serves(request.model));
         stored.map(|c| c.forecast.erring_samples().is_some()).collect()
     };
@@ -152,6 +152,35 @@ fn places_lie_one_here_and_one_there() {
     let mean = places.vertices.iter().map(to_nearest).sum::<f64>() / places.vertices.len() as f64;
     let spacing = (ball.parts.parts[0].area_mm2 / places.vertices.len() as f64).sqrt();
     assert!(places.vertices.len().abs_diff(128) < 10 && mean > 0.5 * spacing, "{mean} {spacing}");
+}
+
+#[test]
+fn coarse_surfaces_are_judged_between_their_vertices_too() {
+    let cube = scene(shapes::cuboid(glam::DVec3::splat(20.0), 1), "skin1");
+    let between = between_few_vertices(&cube, PLACES, &Silent).unwrap();
+    assert!(between.unwrap().rms > 0.3, "{between:?}");
+    // Many vertices, or few that will do.
+    let ball = scene(shapes::icosphere(8.0, 2), "skin1");
+    for few in [PLACES, usize::MAX] {
+        assert_eq!(between_few_vertices(&ball, few, &Silent).unwrap(), None);
+    }
+    let [first, second] = [0, 1].map(|phase| Places::between(&cube, 128, phase));
+    for places in [&first, &second] {
+        assert!(places.len() == 128 && places.vertices.len() == 8);
+        // Every facet has as many as its area says, and all stand for the surface.
+        let (points, areas) = places.parts();
+        let on_top = points.iter().skip(8).filter(|p| p.at_mm.y > 9.99).count();
+        assert!((18..=22).contains(&on_top), "{on_top}");
+        assert!((areas.iter().sum::<f64>() - 2400.0).abs() < 1e-6);
+        assert!(points.iter().all(|p| p.barycentric.iter().all(|w| (0.0..=1.0).contains(w))));
+    }
+    let (seen, unseen) = (first.parts().0, second.parts().0);
+    assert!(seen[8..].iter().all(|p| !unseen.contains(p)));
+    let sun = request(0.05, &[LightKind::Directional]);
+    let found = Candidates::new(&built_in(), &sun, (&cube, between), (0, u64::MAX));
+    assert!(!found.all.is_empty() && found.all.iter().all(|c| c.recipe.form.serves_points()));
+    let ends = found.considered.iter().filter(|c| c.why.contains("ends at the vertices"));
+    assert!(ends.map(|c| c.method.as_str()).collect::<Vec<_>>().contains(&"all_frequency"));
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Brute-force truth at a few vertices, and what assets are off it there.
+//! Brute-force truth at a few points of a surface, and what assets are off it there.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -16,6 +16,7 @@ use crate::forms::gathered::{Bound, Far, Gathered};
 use crate::geometry::samples::Samples;
 use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
+use crate::measure::between_vertices::between_vertices;
 use crate::measure::exact_sums::{ALL_PAIRS, FINER_BEYOND, MOST_SAMPLES, is_soft, true_samples, under_soft_light};
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
@@ -73,11 +74,27 @@ pub(super) fn telling(lights: Vec<Light>, scene: &Scene, model: Model) -> Vec<Li
     sharp
 }
 
-/// Some vertices, with the area around each.
+/// Some points of the surface, with the area that each stands for.
 pub(super) struct Places {
+    /// The vertices among them, which come first.
     pub(super) vertices: Vec<u32>,
     points: Vec<MeshPoint>,
     areas_mm2: Vec<f64>,
+}
+
+/// Error between vertices from which on vertices alone say nothing of a surface.
+const WORTH_JUDGING: f64 = 0.1;
+
+/// The error of what is drawn between vertices, where these are few and that is much: 68 % on a cube of 12 triangles, whose corners
+/// are like nothing else of it.
+///
+/// # Errors
+/// Failures of the work.
+pub(super) fn between_few_vertices(scene: &Scene, few: usize, progress: &dyn Progress) -> Result<Option<VertexError>> {
+    if scene.mesh.local_mm.len() >= few {
+        return Ok(None);
+    }
+    Ok(Some(between_vertices(scene, progress)?).filter(|error| error.rms > WORTH_JUDGING))
 }
 
 impl Places {
@@ -115,10 +132,62 @@ impl Places {
         places
     }
 
+    /// The same with points between the vertices, so that there are `count` in all: at even steps of the area, each for as much of it.
+    pub(super) fn between(scene: &Scene, count: usize, phase: usize) -> Self {
+        // Weyl sequences of the plastic number fill a triangle evenly, whichever of them come to it.
+        const STEPS: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_2];
+        let mut places = Self::new(scene, count, phase);
+        let translucent: Vec<u32> =
+            (0..scene.mesh.triangles.len() as u32).filter(|&t| scene.parts.transfers(t)).collect();
+        let total: f64 = translucent.iter().map(|&t| scene.mesh.area_mm2(t)).sum();
+        let more = count.saturating_sub(places.points.len());
+        let (mut passed, mut placed) = (0.0, 0);
+        for triangle in translucent {
+            passed += scene.mesh.area_mm2(triangle);
+            while placed < more && passed > (placed as f64 + 0.5) * total / more as f64 {
+                let [u, v] = STEPS.map(|step| (0.5 + (phase * count + placed) as f64 * step).fract());
+                let [u, v] = if u + v > 1.0 { [1.0 - u, 1.0 - v] } else { [u, v] };
+                places.points.extend(MeshPoint::new(&scene.mesh, triangle, [1.0 - u - v, u, v]));
+                placed += 1;
+            }
+        }
+        let each = total / places.points.len().max(1) as f64;
+        places.areas_mm2 = vec![each; places.points.len()];
+        places
+    }
+
+    #[cfg(test)]
+    pub(super) fn parts(&self) -> (&[MeshPoint], &[f64]) {
+        (&self.points, &self.areas_mm2)
+    }
+
+    /// How many there are.
+    pub(super) fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// What an evaluator gives there under the lights in force.
+    ///
+    /// # Errors
+    /// Failures of the work; points between vertices where the evaluator serves none.
+    pub(super) fn exitance(&self, evaluator: &mut dyn Evaluator) -> Result<Vec<DVec3>> {
+        if self.vertices.len() == self.points.len() {
+            return evaluator.radiosity_of(&self.vertices, &Silent);
+        }
+        at_points(evaluator, &self.points)
+    }
+
     /// Error of values at the places; none where the truth is black.
     pub(super) fn error(&self, values: &[DVec3], truth: &[DVec3]) -> VertexError {
         vertex_error(values, truth, &self.areas_mm2).or_none()
     }
+}
+
+/// Exitance at some points under the lights in force.
+fn at_points(evaluator: &mut dyn Evaluator, points: &[MeshPoint]) -> Result<Vec<DVec3>> {
+    evaluator.prepare_points(&Silent)?;
+    let missing = || Error::runtime("an evaluator that serves points gives none");
+    Ok(evaluator.exitance_at_points().ok_or_else(missing)?.at_each(points, &Silent))
 }
 
 /// Sums through the hierarchy, as good as tells the error of a model: means over 256 places, a few percent off.
@@ -150,9 +219,7 @@ impl Sums {
 
     fn at(&mut self, light: &Light, places: &Places) -> Result<Vec<DVec3>> {
         self.0.set_lights(vec![light.clone()], &Silent)?;
-        self.0.prepare_points(&Silent)?;
-        let missing = || Error::runtime("the truth of a plan serves no points");
-        Ok(self.0.exitance_at_points().ok_or_else(missing)?.at_each(&places.points, &Silent))
+        at_points(self.0.as_mut(), &places.points)
     }
 }
 
@@ -206,7 +273,7 @@ impl TrueSums {
         self.samples >= least_samples(&self.scene, max_rms, judged) && self.kernels == kernels
     }
 
-    /// Radiosity at some vertices under a light.
+    /// Exitance at some places under a light.
     fn at(&mut self, light: &Light, places: &Places) -> Result<Vec<DVec3>> {
         let (under_soft, rays) = under_soft_light(&self.scene, self.samples);
         // As many samples serve both: sharp lights take none of the rays of soft ones.
@@ -228,7 +295,7 @@ impl TrueSums {
     }
 }
 
-/// True radiosity at some vertices under some lights.
+/// True exitance at some places under some lights.
 pub(super) struct Truth {
     pub(super) places: Places,
     pub(super) lights: Vec<Light>,
@@ -251,7 +318,7 @@ impl Truth {
         Ok(Self { places, lights, values })
     }
 
-    /// Error of radiosity of the vertices of the places under the light of an index.
+    /// Error of exitance at the places under the light of an index.
     pub(super) fn error(&self, light: usize, radiosity: &[DVec3]) -> VertexError {
         self.places.error(radiosity, &self.values[light])
     }

@@ -1,4 +1,4 @@
-//! The verdict on an asset: its error from end to end, at vertices and under lights that the choice did not see.
+//! The verdict on an asset: its error from end to end, at places and under lights that the choice did not see.
 
 use std::time::Instant;
 
@@ -19,7 +19,7 @@ use crate::report::sizes::Sizes;
 use crate::report::text::{megabytes, percent, significant};
 use crate::scene::Scene;
 
-/// Vertices at which an asset is judged.
+/// Places at which an asset is judged.
 const PLACES: usize = 256;
 
 /// Directions beside the four odd ones: as many as fit into a quarter of the bake or this time, whichever is longer, on the nominal
@@ -43,10 +43,10 @@ pub(super) struct Verdict {
 }
 
 impl Verdict {
-    /// `sums` are those of the choice, and of the verdict from now on.
+    /// `sums` are those of the choice, and of the verdict from now on; `between` tells whether vertices alone say nothing.
     pub(super) fn new(
         sums: &mut TrueSums,
-        (scene, request): (&Scene, &Request),
+        (scene, request, between): (&Scene, &Request, bool),
         candidate: &Candidate,
         asset: &Asset,
         progress: &dyn Progress,
@@ -63,7 +63,8 @@ impl Verdict {
         if !sums.judge(request.max_rms, judges, &kernels) {
             *sums = TrueSums::new(scene, true_samples(scene, request.max_rms, judges), kernels);
         }
-        let truth = Truth::new(sums, (lights, Places::new(scene, PLACES, 1)), progress)?;
+        let places = if between { Places::between(scene, PLACES, 1) } else { Places::new(scene, PLACES, 1) };
+        let truth = Truth::new(sums, (lights, places), progress)?;
         Ok(Self { truth, judges })
     }
 
@@ -85,7 +86,7 @@ impl Verdict {
         progress.start("verdict", self.truth.lights.len() as u64);
         for (index, light) in self.truth.lights.iter().enumerate() {
             evaluator.set_lights(vec![light.clone()], &Silent)?;
-            let values = evaluator.radiosity_of(&self.truth.places.vertices, &Silent)?;
+            let values = self.truth.places.exitance(evaluator.as_mut())?;
             let error = self.truth.error(index, &values);
             if error.rms > largest {
                 (largest, worst_light) = (error.rms, name(light));
@@ -107,6 +108,7 @@ impl Verdict {
             worst_light,
             lights: self.truth.lights.len(),
             vertices: self.truth.places.vertices.len(),
+            between: self.truth.places.len() - self.truth.places.vertices.len(),
             misses: Vec::new(),
         };
         let misses = misses(request, &attempt);

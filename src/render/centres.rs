@@ -1,12 +1,12 @@
 //! What the middles of pixels see, for data that is no light.
 
 use glam::DVec2;
-use rayon::prelude::*;
 
 use super::camera::{Camera, Resolution};
 use crate::evaluate::Evaluator;
 use crate::evaluate::exitance::MeshPoint;
 use crate::geometry::bvh::{Bvh, Ray};
+use crate::math::parallel::*;
 use crate::scene::Scene;
 
 /// The point of the mesh that the ray through the middle of a pixel meets first, by column and row from the top left; none beside the mesh.

@@ -3,7 +3,6 @@
 use std::f64::consts::FRAC_1_PI;
 
 use glam::{DVec2, DVec3};
-use rayon::prelude::*;
 
 use super::background::Backdrop;
 use super::exit::ExitRadiance;
@@ -21,6 +20,7 @@ use super::texture::Texture;
 use crate::evaluate::exitance::{Exitance, MeshPoint};
 use crate::geometry::bvh::{Bvh, Hit, Ray};
 use crate::light::Light;
+use crate::math::parallel::*;
 use crate::medium::fresnel::diffuse_transmittance;
 use crate::medium::material::Medium;
 use crate::progress::Progress;

@@ -1,7 +1,5 @@
 //! Rendered pictures, and the rendering of a lit scene.
 
-use rayon::prelude::*;
-
 pub use super::settings::{
     DEFAULT_OPAQUE, DEFAULT_SAMPLES_PER_PIXEL, Ground, MAX_SAMPLES_PER_PIXEL, Pixel, RenderSettings, Specular,
 };
@@ -13,6 +11,7 @@ use super::single::{Scattered, Single};
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::light::Light;
+use crate::math::parallel::*;
 use crate::progress::Progress;
 
 /// Source of the single scattering in a picture.

@@ -7,10 +7,10 @@
 use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec4};
-use rayon::prelude::*;
 
 use crate::light::environment::EnvironmentMap;
 use crate::math::cube_map::{FACES, FRAMES, centre, position_of, texel_of};
+use crate::math::parallel::*;
 
 /// Largest number of texels along an edge of a face, a third of a degree each.
 const MAX_SIDE: usize = 256;

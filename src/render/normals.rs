@@ -1,9 +1,9 @@
 //! Shading normals: the source's where they are usable, otherwise smooth ones from the triangles around a vertex.
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
 use crate::geometry::mesh::Mesh;
+use crate::math::parallel::*;
 use crate::scene::Scene;
 
 /// Cosine of the crease angle: an edge between triangles whose normals differ by more than 60 degrees stays sharp.

@@ -1,12 +1,12 @@
 //! Lists of the sources close to each group of receivers, for every stage that sums close pairs in its own way.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::receivers::Receivers;
 use super::surface::Surface;
 use crate::geometry::cluster::Run;
 use crate::geometry::samples::Patch;
+use crate::math::parallel::*;
 
 /// For each group of neighbouring points, the sources within reach of some of them.
 #[derive(Clone, Debug, Default)]

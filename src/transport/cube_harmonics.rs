@@ -1,10 +1,10 @@
 //! Scalar products of functions over a cube map with spherical harmonics.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use crate::light::harmonics::to_harmonics;
 use crate::math::cube_map::{FACES, direction, solid_angles_sr, texel_of};
+use crate::math::parallel::*;
 use crate::math::sh::real_sh;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 

@@ -7,7 +7,6 @@
 use std::ops::Range;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::irradiance::Pieces;
 use super::kernel::double_layer::Moment;
@@ -19,6 +18,7 @@ use super::sample_light::SampleLight;
 use super::surface::Surface;
 use super::tree::{Cluster, SampleTree, Visit};
 use crate::geometry::samples;
+use crate::math::parallel::*;
 use crate::math::simd::InstructionSet;
 use crate::medium::material::Medium;
 use crate::progress::Progress;

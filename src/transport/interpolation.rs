@@ -2,9 +2,8 @@
 //! a dense product of small matrices for each run of targets instead of a gather for each target; and the adjoint of interpolation:
 //! values at many points, weighted, are summed at the few that interpolate them.
 
-use rayon::prelude::*;
-
 use crate::geometry::scattered::Weights;
+use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, multiversion};
 
 /// Targets of a run.

@@ -13,12 +13,12 @@
 use std::f64::consts::TAU;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::irradiance::{around, direction_key};
 use super::surface::Surface;
 use crate::geometry::bvh::{Hit, Ray, offset_origin};
 use crate::geometry::samples::{Facet, area};
+use crate::math::parallel::*;
 use crate::math::random::{bits, radical_inverse_2};
 use crate::math::simd::{InstructionSet, multiversion};
 use crate::medium::fresnel::{CosineTransmittance, transmittance};
@@ -231,7 +231,7 @@ impl Optics {
     fn new(eta: f64) -> Self {
         let entrance = CosineTransmittance::new(eta);
         let cosine = |step: usize| entrance.sample_entrance_cosine(step as f64 / STEPS as f64);
-        let cosines = (0..=STEPS).into_par_iter().map(cosine).collect();
+        let cosines = (0..STEPS + 1).into_par_iter().map(cosine).collect();
         Self { eta, diffuse: entrance.diffuse_transmittance(), cosines }
     }
 

@@ -10,7 +10,6 @@ use std::f64::consts::{PI, TAU};
 use std::ops::RangeInclusive;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use self::sharp::{Focus, Sharp, pieces};
 use super::prepared_light::{Prepared, Rectangle, Stratum};
@@ -19,6 +18,7 @@ use crate::error::{Error, Result};
 use crate::geometry::bvh::{Bvh, Ray};
 use crate::light::strata::{Candidate, StrataSettings};
 use crate::light::{Light, refuse_fields};
+use crate::math::parallel::*;
 use crate::math::random::{bits, radical_inverse_2, uniform};
 use crate::medium::fresnel::{self, CosineTransmittance};
 use crate::progress::Progress;

@@ -2,7 +2,8 @@
 //! lights of one colour, a grey environment.
 
 use glam::DVec3;
-use rayon::prelude::*;
+
+use crate::math::parallel::*;
 
 /// Irradiance farther than this share of the brightest from every multiple of a colour is of another one.
 const SAME_COLOUR: f64 = 1e-10;

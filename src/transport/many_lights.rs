@@ -6,11 +6,11 @@
 //! lights is scalar (F_t depends on eta alone), transfer is RGB.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::gather::{Criterion, Gather, Scheme, Source};
 use super::receivers::{Group, ProbePoints, Receivers};
 use super::tree::SampleTree;
+use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 use crate::math::statistics::VertexError;
 use crate::progress::Progress;

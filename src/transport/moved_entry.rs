@@ -22,7 +22,6 @@ mod ways;
 use std::sync::OnceLock;
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
 use self::steps::Steps;
 use self::ways::{AT_ONCE, SKY_ORDER, Ways};
@@ -34,6 +33,7 @@ use crate::error::Result;
 use crate::light::Light;
 use crate::light::harmonics::coefficients;
 use crate::light::suns::apart;
+use crate::math::parallel::*;
 use crate::progress::Progress;
 
 /// True for light that comes from one direction at each point, or nearly so; that of skies is moved as a whole.

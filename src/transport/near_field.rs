@@ -6,7 +6,6 @@
 //! points.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::close_pairs::ClosePairs;
 use super::irradiance::Pieces;
@@ -19,6 +18,7 @@ use super::sample_light::SampleLight;
 use super::surface::Surface;
 use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::{self, Patch, Samples};
+use crate::math::parallel::*;
 use crate::math::simd::InstructionSet;
 use crate::medium::dipole::Dipole;
 use crate::medium::softened::Softened;

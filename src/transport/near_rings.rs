@@ -10,7 +10,6 @@
 mod hats;
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
 use self::hats::{Areas, COLUMNS, CURVATURE, RINGS, Rings, SLOPE, WIDTH, WINDOWS};
 use super::balanced_tree::power_of_two_near;
@@ -22,6 +21,7 @@ use super::near_field::Corners;
 use super::near_rule::NearField;
 use super::receivers::{Group, Receivers};
 use super::surface::Surface;
+use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion, prefetch};
 use crate::progress::Progress;
 
@@ -213,7 +213,7 @@ impl NearRings {
     ) {
         let channels = if moments.colour.is_some() { 1 } else { 3 };
         let rgb = moments.colour.map_or(DVec3::ONE, |colour| colour.rgb);
-        let blocks = moments.blocks.par_chunks_exact(COLUMNS * channels);
+        let blocks = moments.blocks.par_chunks(COLUMNS * channels);
         let jobs = receivers.groups.par_iter().zip(blocks).zip(receivers.cut(radiosity, 1));
         let (level, scale) = (InstructionSet::detect(), moments.scale.recip() * rgb);
         jobs.with_min_len(64).for_each(|((group, block), out)| {

@@ -3,12 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::kernel::Receiver;
 use crate::geometry::cluster::{self, Run};
 use crate::geometry::mesh::Mesh;
 use crate::geometry::part_table::PartTable;
+use crate::math::parallel::*;
 use crate::math::slices::cut;
 use crate::math::statistics::{VertexError, vertex_error_of_some};
 

@@ -1,11 +1,11 @@
 //! Light on the samples, on its way to the receivers.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::balanced_tree::power_of_two_near;
 use super::irradiance::Pieces;
 use crate::geometry::samples::Patch;
+use crate::math::parallel::*;
 
 /// Irradiance of every sample, RGB, and of the pieces of those that are not lit evenly, brought into the range of single precision.
 ///

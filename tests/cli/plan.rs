@@ -84,6 +84,10 @@ fn small_meshes_get_small_assets() {
         let (attempt, chosen) = kept(&made);
         println!("12 triangles, {model}: {} bytes, {}", attempt["bytes"], chosen["family"]);
         assert!(attempt["bytes"].as_u64().unwrap() < most, "{attempt}");
+        // Eight corners say nothing of a cube.
+        assert!(attempt["vertices"] == 8 && attempt["between"].as_u64().unwrap() > 100, "{attempt}");
+        let ends = made["considered"].as_array().unwrap().iter().filter(|c| c["method"] == "all_frequency");
+        assert!(ends.into_iter().all(|c| c["why"].as_str().unwrap().contains("between")));
     }
 }
 

@@ -4,7 +4,6 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use glam::DVec3;
-use rayon::prelude::*;
 use translux_format::rows::IrradianceRows;
 use translux_format::{Codec, Kind, RawSection, Tag};
 
@@ -22,6 +21,7 @@ use crate::light::sky::sky_with_sun;
 use crate::light::suns::apart;
 use crate::light::{Light, LightKind};
 use crate::math::cube_map::{self, FACES};
+use crate::math::parallel::*;
 use crate::math::statistics::VertexError;
 use crate::medium::entrance_basis::EntranceBasis;
 use crate::progress::{Progress, Silent};

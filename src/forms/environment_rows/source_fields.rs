@@ -5,7 +5,6 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use crate::compress::rows::{Rows, WholeRows};
 use crate::error::{Error, Result};
@@ -13,6 +12,7 @@ use crate::geometry::samples::Samples;
 use crate::light::Light;
 use crate::light::rectangle_map::UnitRectangle;
 use crate::light::source_field::SourceField;
+use crate::math::parallel::*;
 use crate::medium::entrance_basis::MOST_TERMS;
 use crate::transport::domain::Domain;
 use crate::transport::visibility::Observer;

@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use rayon::prelude::*;
 use translux_format::far_field::{FarField, Group, Shape};
 use translux_format::{RawSection, Tag, profile_basis as file};
 
@@ -25,6 +24,7 @@ use crate::forms::sample_count::{UNLIKE_MATERIALS, samples_for};
 use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::Samples;
 use crate::light::{Light, LightKind};
+use crate::math::parallel::*;
 use crate::medium::profile_basis::{BasisSettings, ProfileBasis};
 use crate::progress::Progress;
 use crate::scene::Scene;

@@ -2,13 +2,14 @@
 //! under some lights of the tuning half, for every published material and the scene's own.
 
 use glam::DVec3;
-use rayon::prelude::*;
+use rayon::slice::ParallelSliceMut;
 
 use super::ordered_samples::Work;
 use super::sources::FarRadiosity;
 use super::subset::{OfFunctions, Projected, Subset};
 use crate::compress::blocks;
 use crate::light::Light;
+use crate::math::parallel::*;
 use crate::transport::balanced_tree::LightDetails;
 use crate::transport::far_field::{FarTransport, LANES, Precision, Rows};
 use crate::transport::receivers::Group;

@@ -2,7 +2,6 @@
 //! for every basis function, and the near field from the geometry. A change of material repeats the combination only.
 
 use glam::DVec3;
-use rayon::prelude::*;
 use translux_format::far_field::{FarField, Shape};
 use translux_format::profile_basis as file;
 
@@ -18,6 +17,7 @@ use crate::forms::environment_rows::StoredRows;
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{self, Patch, Samples};
 use crate::light::Light;
+use crate::math::parallel::*;
 use crate::math::simd::InstructionSet;
 use crate::math::statistics::VertexError;
 use crate::medium::profile_basis::ProfileBasis;

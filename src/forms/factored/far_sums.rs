@@ -2,9 +2,9 @@
 //! touches the last combination only.
 
 use glam::DVec3;
-use rayon::prelude::*;
 use translux_format::far_field::{FarField, LANES, over_lanes};
 
+use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 use crate::transport::balanced_tree::LightDetails;
 use crate::transport::interpolation::SharedWeights;

@@ -2,7 +2,6 @@
 //! before it, on receivers and lights that no choice saw, the worst of all published materials and the scene's own.
 
 use glam::DVec3;
-use rayon::prelude::*;
 use translux_format::far_field::FarField;
 
 use super::far_sums::{ByFunction, FarSums};
@@ -16,6 +15,7 @@ use crate::evaluate::sampling_error::Sampled;
 use crate::evaluate::stages::{of_kinds, worst};
 use crate::forms::environment_rows::BY_RAYS;
 use crate::light::Light;
+use crate::math::parallel::*;
 use crate::math::simd::InstructionSet;
 use crate::math::statistics::VertexError;
 use crate::progress::Progress;

@@ -2,13 +2,13 @@
 //! wide functions.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::choice::Tuning;
 use super::ordered_samples::Work;
 use super::points::{FarPoints, Row};
 use super::sources::FarRadiosity;
 use super::subset::{Projected, Subset};
+use crate::math::parallel::*;
 use crate::transport::far_field::LANES;
 use crate::transport::receivers::{Group, ProbePoints};
 

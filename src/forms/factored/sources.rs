@@ -1,9 +1,9 @@
 //! Far fields summed over every sample, or over a few neighbours as one, against which choices are made and errors measured.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use crate::geometry::samples::{Patch, Samples};
+use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, multiversion};
 use crate::medium::profile_basis::Table;
 use crate::transport::far_field::TERMS;

@@ -1,11 +1,11 @@
 //! A few groups of receivers on which choices are made or errors measured, and materials projected onto the basis.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::ordered_samples::Work;
 use super::points::FarPoints;
 use crate::geometry::cluster::Run;
+use crate::math::parallel::*;
 use crate::medium::dipole::Dipole;
 use crate::medium::fresnel::BoundaryFit;
 use crate::medium::material::{Medium, PRESETS};

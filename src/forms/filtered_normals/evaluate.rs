@@ -3,7 +3,6 @@
 use std::sync::{Arc, OnceLock};
 
 use glam::DVec3;
-use rayon::prelude::*;
 use translux_format::Budget;
 use translux_format::filtered_normals::{self as stored, Numbers};
 
@@ -19,6 +18,7 @@ use crate::forms::gathered::GatheredEvaluator;
 use crate::geometry::bvh::Bvh;
 use crate::geometry::laplacian::Laplacian;
 use crate::light::{Light, refuse_fields};
+use crate::math::parallel::*;
 use crate::medium::material::Medium;
 use crate::medium::profile::Profile;
 use crate::progress::{Progress, Silent};

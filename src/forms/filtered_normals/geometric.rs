@@ -3,11 +3,11 @@
 //! Boxes of a kd-tree stand for their vertices where the exponential and the direction hardly vary over them.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::points::Points;
 use super::settings::Weights;
 use crate::geometry::cluster::{groups, partition};
+use crate::math::parallel::*;
 
 /// Vertices of a leaf.
 const LEAF: usize = 8;

@@ -3,7 +3,6 @@
 use std::f64::consts::TAU;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::settings::Shadows;
 use crate::error::Result;
@@ -12,6 +11,7 @@ use crate::light::cone::ConeFalloff;
 use crate::light::harmonics::{coefficients, to_harmonics};
 use crate::light::suns::apart;
 use crate::light::{Light, refuse_fields};
+use crate::math::parallel::*;
 use crate::math::quadrature::{gauss_legendre, gauss_legendre_cached};
 use crate::math::sh::real_sh;
 use crate::medium::fresnel;

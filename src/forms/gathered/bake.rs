@@ -77,6 +77,10 @@ impl Form for Gathered {
         false
     }
 
+    fn serves_points(&self) -> bool {
+        true
+    }
+
     fn serves(&self, _: Model) -> bool {
         true
     }

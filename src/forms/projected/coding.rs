@@ -1,7 +1,6 @@
 //! Coding of radiosities at reference points: channels with distances, and directions, are decorrelated (principal
 //! components), coefficients predicted from coarser reference points, and the residuals quantised with one step.
 
-use rayon::prelude::*;
 use translux_format::coefficients::encode;
 use translux_format::quantised_lights::{Set, tags};
 
@@ -10,6 +9,7 @@ use crate::error::Result;
 use crate::evaluate::form::write_error;
 use crate::math::eigen::{Eigen, symmetric_eigen};
 use crate::math::leading::{Leading, leading_eigen};
+use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, multiversion};
 
 /// Shares of the squared error for functions that are left out, and for the rounding of those that are kept.

@@ -1,7 +1,6 @@
 //! Components: transport as coefficients at reference points over a basis of the light, as stored and as evaluated.
 
 use glam::DVec3;
-use rayon::prelude::*;
 use std::ops::Range;
 use translux_format::Budget;
 use translux_format::coefficients::decode;
@@ -14,6 +13,7 @@ use crate::evaluate::form::read_error;
 use crate::forms::projected::references::{ascending_rows, weights};
 use crate::forms::sampled_scene::{oriented, parts};
 use crate::light::Light;
+use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, multiversion};
 use crate::scene::Scene;
 use crate::transport::balanced_tree::power_of_two_near;
@@ -191,7 +191,7 @@ impl Transport {
     fn arrange(&mut self, known: &[f32], stored: usize, order: &[u32], set: usize, first: usize) -> usize {
         let columns = &self.sets[set].columns;
         let end = first + columns.len();
-        self.coefficients.par_chunks_exact_mut(self.columns.max(1)).zip(order).for_each(|(out, &row)| {
+        self.coefficients.par_chunks_mut(self.columns.max(1)).zip(order).for_each(|(out, &row)| {
             let Some(values) = known.get(row as usize * stored..(row as usize + 1) * stored) else { return };
             for (slot, column) in out[first..end].iter_mut().zip(columns) {
                 *slot = column.map_or(0, |column| column.digit.of(values[column.stored]));

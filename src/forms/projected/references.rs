@@ -3,7 +3,6 @@
 use std::ops::Range;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use serde::{Deserialize, Serialize};
 
@@ -11,6 +10,7 @@ use crate::compress::prediction::Net;
 use crate::error::{Error, Result};
 use crate::forms::sampled_scene::{SampledScene, parts};
 use crate::geometry::scattered::{Kriging, OrientedPoint, Weights};
+use crate::math::parallel::*;
 use crate::math::statistics::VertexError;
 use crate::transport::receivers::Receivers;
 

@@ -1,7 +1,6 @@
 //! Transport as sparse rows of Haar coefficients, one for each vertex: radiosity is a sum over the coefficients that are there.
 
 use glam::DVec3;
-use rayon::prelude::*;
 use translux_format::rows::{FACES, IrradianceRows};
 
 use crate::error::{Error, Result};
@@ -9,6 +8,7 @@ use crate::forms::baked_in::Stored;
 use crate::forms::distant::far_away;
 use crate::light::Light;
 use crate::light::cube_light::{CubeLight, Transform};
+use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, multiversion};
 use crate::transport::balanced_tree::power_of_two_near;
 use crate::transport::receivers::Receivers;

@@ -2,7 +2,6 @@
 //! coefficients of every vertex.
 
 use glam::DVec3;
-use rayon::prelude::*;
 use translux_format::distant_transport::{Harmonics as File, Single as SingleFile, tags};
 use translux_format::rows::{FACES, IrradianceRows};
 
@@ -18,6 +17,7 @@ use crate::forms::projected::references::{in_ascending_order, spacing};
 use crate::forms::rows::{Rows, expected_light};
 use crate::forms::sampled_scene::parts;
 use crate::light::Light;
+use crate::math::parallel::*;
 use crate::medium::fresnel::diffuse_transmittance;
 use crate::medium::material::Medium;
 use crate::medium::phase::LightTerms;

@@ -1,7 +1,6 @@
 //! Single scattering at run time: looked up in harmonics or rows of the light, or by rays.
 
 use glam::DVec3;
-use rayon::prelude::*;
 use translux_format::distant_transport::{DistantTransport, Single as File, tags};
 
 use crate::asset::Asset;
@@ -19,6 +18,7 @@ use crate::forms::projected::harmonics::{HarmonicBasis, components};
 use crate::forms::rows::Rows;
 use crate::forms::sampled_scene::GROUP;
 use crate::light::Light;
+use crate::math::parallel::*;
 use crate::math::statistics::VertexError;
 use crate::medium::fresnel::transmittance;
 use crate::medium::phase::LegendrePhase;
@@ -350,7 +350,7 @@ impl<'a> Probe<'a> {
         let points = || self.exits.par_iter().zip(&self.points.indices);
         let (found, expected): (Vec<DVec3>, Vec<DVec3>) = match phase {
             Scattering::Isotropic => {
-                points().map(|(p, &r)| (terms.value(0, r).max(DVec3::ZERO), rays.per_point(p, r.into()))).unzip()
+                points().map(|(p, &r)| (terms.value(0, r).max(DVec3::ZERO), rays.per_point(p, r.into()))).collect()
             }
             Scattering::OfMedium => {
                 let seen = LitFromOutside::new(terms, self.lit.scene, self.receivers);
@@ -358,7 +358,7 @@ impl<'a> Probe<'a> {
                     let eye = aslant(p.normal);
                     (seen.towards(p, eye, &[(r, 1.0)]), rays.radiance(p, eye, Path::InverseNormal, r.into()))
                 };
-                points().map(of).unzip()
+                points().map(of).collect()
             }
         };
         Ok(self.points.error(&found, &expected))

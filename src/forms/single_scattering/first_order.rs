@@ -1,7 +1,6 @@
 //! Single scattering of forms that keep no basis of their own for it: by rays, when the asset is evaluated or when it is baked.
 
 use glam::DVec3;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::evaluate::{ByRays, exits};
@@ -10,6 +9,7 @@ use crate::evaluate::single_scattering::{LitScene, Scattering, Traced};
 use crate::forms::baked_in::Single;
 use crate::forms::sampled_scene::SampledScene;
 use crate::light::Light;
+use crate::math::parallel::*;
 use crate::medium::profile::Orders;
 use crate::progress::Progress;
 use crate::transport::single_scattering::ExitPoint;

@@ -2,12 +2,12 @@
 //! point, is off by less than a limit. The paper names it as future work.
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
 use super::falloff::{Falloff, Kernels};
 use super::light::{LitMap, Walked};
 use super::map::TexelMap;
 use crate::error::Result;
+use crate::math::parallel::*;
 use crate::math::simd::InstructionSet;
 use crate::scene::Scene;
 use crate::transport::kernel::medium::MediumKernel;
@@ -169,7 +169,7 @@ impl Descent<'_> {
 
     /// The limit with which receivers see `count` sources in the mean, about; 0 where every patch that is lit is no more. A guess is tried first.
     pub(super) fn limit(&self, receivers: &Receivers, count: usize, guess: Option<f64>) -> f64 {
-        let patches = self.lit.irradiance.par_iter().filter(|e| **e != DVec3::ZERO).count();
+        let patches = self.lit.irradiance.iter().filter(|e| **e != DVec3::ZERO).count();
         let whole = (0..self.map.roots.len()).filter_map(|part| {
             let (_, falloff) = self.kernels.at(self.scene, part as u32)?;
             Some(self.lit.of_part(self.map, part).moment * f64::from(falloff.at(0.0)))
@@ -184,7 +184,7 @@ impl Descent<'_> {
                 }
                 sources
             };
-            Ok(probes.par_iter().map(of).sum::<usize>() as f64 / probes.len().max(1) as f64)
+            Ok(probes.par_iter().map(of).reduce(|| 0, usize::wrapping_add) as f64 / probes.len().max(1) as f64)
         };
         // Counting does not fail.
         limit_for(count, (patches, largest), guess, mean).unwrap_or(0.0)

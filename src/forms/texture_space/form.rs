@@ -49,6 +49,10 @@ impl Form for TextureSpace {
         false
     }
 
+    fn serves_points(&self) -> bool {
+        true
+    }
+
     fn edits(&self, _: &dyn Fn(Tag) -> bool) -> Option<Capabilities> {
         Some(evaluate::EDITS)
     }

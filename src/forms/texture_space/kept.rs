@@ -5,13 +5,13 @@
 //! patches of the block are lit and others in shadow, all of them are.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::map::TexelMap;
 use crate::error::Result;
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::Samples;
 use crate::light::{Light, LightKind};
+use crate::math::parallel::*;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::irradiance::{Illumination, LightSampling, SurfacePoint};

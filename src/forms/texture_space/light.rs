@@ -1,9 +1,9 @@
 //! Light in the texels: irradiance of each patch, its flux summed up the mip-map.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::map::{Node, Patch, TexelMap};
+use crate::math::parallel::*;
 use crate::transport::sample_light::SampleLight;
 
 /// Light that arrives in a texel or in a node of the hierarchy.

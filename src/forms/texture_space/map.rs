@@ -3,12 +3,12 @@
 use std::ops::Range;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use crate::error::Result;
 use crate::geometry::atlas::texels::{Texel, Texels};
 use crate::geometry::atlas::{Atlas, Outline};
 use crate::geometry::cluster;
+use crate::math::parallel::*;
 use crate::scene::Scene;
 use crate::transport::irradiance::SurfacePoint;
 

@@ -3,7 +3,6 @@
 use std::sync::OnceLock;
 
 use glam::DVec3;
-use rayon::prelude::*;
 use translux_format::texture_space::Numbers;
 
 use super::carried::Carried;
@@ -21,6 +20,7 @@ use crate::forms::baked_in::Truth;
 use crate::geometry::atlas::Atlas;
 use crate::geometry::bvh::Bvh;
 use crate::light::{Light, refuse_fields};
+use crate::math::parallel::*;
 use crate::math::simd::InstructionSet;
 use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;

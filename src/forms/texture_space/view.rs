@@ -3,7 +3,6 @@
 use std::f64::consts::TAU;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::hybrid::{Division, LocalPart, look_up};
 use super::settings::Local;
@@ -11,6 +10,7 @@ use crate::error::{Error, Result};
 use crate::geometry::bvh::{Bvh, Ray};
 use crate::light::Light;
 use crate::light::cone::ConeFalloff;
+use crate::math::parallel::*;
 use crate::medium::fresnel;
 use crate::scene::Scene;
 use crate::transport::receivers::Receivers;

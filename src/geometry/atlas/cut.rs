@@ -1,7 +1,9 @@
 //! Triangles of the unit square, cut by the squares ("texels") of a regular grid.
 
 use glam::DVec2;
-use rayon::prelude::*;
+use rayon::slice::ParallelSliceMut;
+
+use crate::math::parallel::*;
 
 /// Texture coordinates of a triangle's corners in 1/65535.
 pub(super) type Codes = [[u16; 2]; 3];

@@ -1,11 +1,11 @@
 //! Other maps of charts than those that are as rigid as possible: conformal, and of even area.
 
 use glam::{DVec2, DVec3};
-use rayon::prelude::*;
 
 use super::measure::squared_stretch;
 use super::unwrap::{Charts, NONE};
 use crate::geometry::mesh::Mesh;
+use crate::math::parallel::*;
 
 /// Most iterations of a linear solver: charts are small, and start from a map that is nearly right.
 const MOST_ITERATIONS: usize = 2000;

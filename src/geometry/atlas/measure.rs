@@ -1,10 +1,11 @@
 //! Measures of a texture atlas: what it covers, and how it stretches.
 
 use glam::{DVec2, DVec3};
-use rayon::prelude::*;
+use rayon::slice::ParallelSliceMut;
 
 use super::cut::{self, Codes};
 use crate::geometry::mesh::Mesh;
+use crate::math::parallel::*;
 
 /// Texels of a side of the grid on which coverage is measured.
 const RESOLUTION: u32 = 2048;

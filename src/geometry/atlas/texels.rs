@@ -3,13 +3,13 @@
 use std::ops::Range;
 
 use glam::{DVec2, DVec3};
-use rayon::prelude::*;
 
 use super::Atlas;
 use super::cut::{self, Codes, Piece};
 use crate::error::{Error, Result};
 use crate::geometry::mesh::Mesh;
 use crate::geometry::part_table::PartTable;
+use crate::math::parallel::*;
 
 /// The piece of a triangle in a texel.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,12 +1,12 @@
 //! The measurements behind the mesh check, of the whole mesh and of its parts against the mean free path of their medium.
 
 use glam::DVec3;
-use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::geometry::buckets::Buckets;
 use crate::geometry::mesh::{Mesh, simple_chains};
 use crate::geometry::parts::{Analysis, ComponentTree, DisjointSets, Part, Parts, Role, is_slit};
+use crate::math::parallel::*;
 use crate::math::random::uniform;
 
 /// A part is thin where a straight way inwards leaves it within this many mean free paths: diffusion, which assumes
@@ -108,7 +108,7 @@ pub(super) fn vertices(mesh: &Mesh) -> (usize, usize) {
     };
     let opposite = Buckets::new(mesh.weld.len(), || (0..mesh.triangles.len() as u32).flat_map(of_triangle));
     let used = opposite.all().filter(|link| !link.is_empty()).count();
-    (used, (0..opposite.len()).into_par_iter().filter(|&v| is_split(opposite.bucket(v))).count())
+    (used, (0..opposite.len()).into_par_iter().filter_map(|v| is_split(opposite.bucket(v)).then_some(())).count())
 }
 
 /// True if the edges around a vertex form more than one connected piece.

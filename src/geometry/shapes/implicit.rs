@@ -1,9 +1,9 @@
 //! Closed meshes from implicit functions: a dual grid of quads (naive surface nets, Gibson 1998), relaxed on the surface.
 
 use glam::{DVec3, IVec3};
-use rayon::prelude::*;
 
 use crate::geometry::source::SourceModel;
+use crate::math::parallel::*;
 
 /// Grid that an implicit function is sampled on.
 pub(super) struct Grid {

@@ -1,11 +1,11 @@
 //! Weights over a set of directions that give a function's value between them.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::directions::DirectionSet;
 use crate::error::{Error, Result};
 use crate::math::cholesky::Cholesky;
+use crate::math::parallel::*;
 use crate::math::sh::real_sh;
 use crate::math::sphere::unit;
 use crate::math::svd::dot;

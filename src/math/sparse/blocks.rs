@@ -1,9 +1,8 @@
 //! Blocks of vectors stored row by row, and the products that keep them orthonormal. No lane of a sum mixes with another, so that all
 //! instruction sets give the same bits.
 
-use rayon::prelude::*;
-
 use super::ROWS;
+use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, multiversion};
 
 /// Number of vectors in a block.

@@ -5,10 +5,9 @@
 //! condition number, where a polynomial of the matrix (Chebyshev) would need as many products as the worst triangle asks for, and
 //! nothing is factorised, so that memory and time grow with the number of rows. Sums have a fixed order.
 
-use rayon::prelude::*;
-
 use super::multigrid::Grids;
 use super::{ROWS, Row, SymmetricMatrix, TOGETHER, for_rows, sum_over_rows};
+use crate::math::parallel::*;
 
 /// Iterations at most; the values then reached are the answer, and its residual tells.
 const MOST: usize = 2_000;

@@ -1,9 +1,9 @@
 //! Thickness of a body below its vertices, in mean free paths.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use crate::geometry::bvh::{Bvh, Ray, offset_along};
+use crate::math::parallel::*;
 use crate::scene::Scene;
 use crate::transport::single_scattering::{ExitPoint, vertex_points};
 

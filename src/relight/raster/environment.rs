@@ -4,9 +4,9 @@
 use std::f64::consts::{FRAC_1_PI, PI, TAU};
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use crate::light::environment::{EnvironmentMap, direction_of};
+use crate::math::parallel::*;
 use crate::math::random::radical_inverse_2;
 use crate::render::blinn_phong;
 use crate::render::frame::Specular;

@@ -1,12 +1,12 @@
 //! Textures of the object as the shaders read them.
 
 use glam::{DVec2, DVec3};
-use rayon::prelude::*;
 
 use super::memory::{Level, filled, layered, sampler};
 use super::view::{finite, finite3};
 use crate::error::Result;
 use crate::evaluate::device::Device;
+use crate::math::parallel::*;
 use crate::math::srgb::srgb_from_linear;
 use crate::render::texture::Texture;
 use crate::render::texture::marble::{ACROSS, SHIFT};

@@ -24,7 +24,6 @@ mod walks;
 use std::sync::Arc;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use self::body::Body;
 use self::lattice::Lattice;
@@ -43,6 +42,7 @@ use crate::error::{Error, Result};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::part_table::PartEntry;
 use crate::geometry::samples::{self, Facet, Samples};
+use crate::math::parallel::*;
 use crate::math::random::mix;
 use crate::medium::fresnel::{BoundaryFit, CosineTransmittance};
 use crate::medium::material::Medium;

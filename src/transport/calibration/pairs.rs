@@ -3,11 +3,11 @@
 use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::body::{Body, SurfacePoint, distance_and_heights};
 use super::layers::{SUPPORT, Splines};
 use crate::geometry::bvh::Ray;
+use crate::math::parallel::*;
 use crate::math::random::mix;
 use crate::medium::profile::Profile;
 use crate::transport::random_walk::walk::Stream;

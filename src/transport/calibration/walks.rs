@@ -3,11 +3,10 @@
 
 use std::f64::consts::TAU;
 
-use rayon::prelude::*;
-
 use super::body::{Body, distance_and_heights};
 use super::lattice::Lattice;
 use super::layers::{SUPPORT, Splines};
+use crate::math::parallel::*;
 use crate::medium::fresnel::{CosineTransmittance, refracted_cosine};
 use crate::progress::Progress;
 use crate::transport::random_walk::boundary::MeshBoundary;

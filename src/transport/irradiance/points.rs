@@ -1,11 +1,11 @@
 //! The points of a patch that look at the lights, and irradiance at single points, for methods that take vertices as samples.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::sharp::{Focus, Sharp, graded, pieces};
 use super::{Bundle, Illumination, MOST, PROBE_REACH, PROBE_WEIGHTS, SurfacePoint};
 use crate::geometry::samples::{Facet, Patch, area};
+use crate::math::parallel::*;
 use crate::progress::Progress;
 
 /// Points that are lit together.

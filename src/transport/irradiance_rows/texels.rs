@@ -3,9 +3,8 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
-
 use crate::math::cube_map::{FACES, FRAMES, centre};
+use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, multiversion};
 use crate::medium::entrance_basis::{DEGREE, polynomial};
 use crate::progress::Progress;

@@ -4,7 +4,6 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
 use translux_format::rows::IrradianceRows;
 
 use super::row::{Keep, Work};
@@ -13,6 +12,7 @@ use crate::error::{Error, Result};
 use crate::light::cube_light::Transform;
 use crate::math::cube_map::{FACES, solid_angles_sr};
 use crate::math::haar::Haar;
+use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 use crate::progress::{Progress, in_tasks};
 use crate::transport::gather::{Gather, Lists, Lit, Scheme, Source};

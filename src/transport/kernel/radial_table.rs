@@ -7,12 +7,11 @@
 
 use std::sync::Arc;
 
-use rayon::prelude::*;
-
 use super::{
     Block, EdgePrecision, EdgeRule, GAUSS_8, GAUSS_12, GAUSS_24, LANES, PointSource, Radial, RadialIntegral, Row,
     RowValues, SeenTriangle, edge_rule, points_body,
 };
+use crate::math::parallel::*;
 use crate::math::quadrature::{gauss_legendre_cached, integrate_with};
 use crate::math::simd::{InstructionSet, multiversion};
 use crate::medium::profile::Profile;

@@ -3,7 +3,6 @@
 use std::f64::consts::TAU;
 
 use glam::{DVec2, DVec3};
-use rayon::prelude::*;
 
 use super::cells::{Cells, add};
 use super::neighbours::{AZIMUTHS, Around, DISTANCES, Facets, Frame, NOWHERE, neighbours};
@@ -11,6 +10,7 @@ use super::steps::{Ladder, Steps};
 use crate::light::Light;
 use crate::light::harmonics::to_harmonics;
 use crate::light::quantised::directions::lattice;
+use crate::math::parallel::*;
 use crate::math::sh::real_sh;
 use crate::progress::Silent;
 use crate::transport::domain::Domain;

@@ -8,9 +8,9 @@
 use std::sync::Arc;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::{Multilevel, Net, NetKernel, Resolution};
+use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 use crate::math::slices::cut;
 use crate::medium::profile::Profile;

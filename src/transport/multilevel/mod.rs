@@ -12,7 +12,6 @@ mod near;
 mod surface;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 pub use self::surface::{Quality, SurfaceNets, SurfaceTables};
 #[cfg(feature = "gpu")]
@@ -27,6 +26,7 @@ use super::kernel::radial_table::{Rgb, SmoothTable, WIDEST};
 use super::kernel::{FLUSH, LANES, Radial, squares};
 use crate::geometry::cluster::{self, Run};
 use crate::geometry::scattered::{Kriging, OrientedPoint, Weights, choose_from};
+use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 use crate::math::slices::cut;
 use crate::medium::profile::Profile;

@@ -7,10 +7,10 @@
 //! against the depth of the real source, on whose scale R_d is smooth.
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
 use super::compact::{Close, Compact, Facets, Shine};
 use crate::geometry::cluster::Run;
+use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 use crate::math::slices::cut;
 use crate::transport::close_pairs::ClosePairs;

@@ -6,7 +6,6 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::compact::{Compact, Facets, Shine};
 use super::double::Double;
@@ -15,6 +14,7 @@ use super::{FEW, Multilevel, Resolution, Tables};
 use crate::geometry::cluster::Run;
 use crate::geometry::samples::Patch;
 use crate::geometry::scattered::OrientedPoint;
+use crate::math::parallel::*;
 use crate::medium::profile::Profile;
 use crate::progress::Silent;
 use crate::transport::gather::{Gather, Scheme};

@@ -5,9 +5,9 @@
 //! border without the surface in between are outside.
 
 use glam::{DVec3, UVec3};
-use rayon::prelude::*;
 
 use crate::geometry::samples::bisect;
+use crate::math::parallel::*;
 
 /// A lower bound of the distance of a point to the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]

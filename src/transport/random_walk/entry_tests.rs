@@ -2,14 +2,13 @@
 
 use std::sync::Arc;
 
-use rayon::prelude::*;
-
 use super::*;
 use crate::geometry::part_table::PartTable;
 use crate::geometry::samples::{Samples, patches};
 use crate::geometry::shapes;
 use crate::light::environment::EnvironmentMap;
 use crate::light::sky::sky;
+use crate::math::parallel::*;
 use crate::math::random::uniform;
 use crate::medium::material::{Medium, OpticalProperties};
 use crate::progress::Silent;

@@ -1,7 +1,6 @@
 //! The exitance of every vertex of a scene under its lights, with its standard error.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::boundary::{Boundary, MeshBoundary};
 use super::entry::{Candidate, Entries};
@@ -10,6 +9,7 @@ use super::walk::{End, Start, Stream, WalkMedium, walk};
 use crate::error::{Error, ExitCode, Result};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
+use crate::math::parallel::*;
 use crate::math::statistics::units_of;
 use crate::progress::{Progress, Silent};
 use crate::transport::domain::Domain;

@@ -3,7 +3,6 @@
 use std::f64::consts::{FRAC_1_PI, PI, TAU};
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::depths::{self, Density, Depth};
 use super::interface::Form;
@@ -13,6 +12,7 @@ use crate::error::{Error, Result};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
 use crate::light::strata::StrataSettings;
+use crate::math::parallel::*;
 use crate::math::random::{radical_inverse_2, uniform};
 use crate::medium::fresnel::transmittance;
 use crate::medium::phase::HenyeyGreenstein;

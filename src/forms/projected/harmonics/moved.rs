@@ -1,12 +1,11 @@
 //! Irradiance under harmonics of light that is moved to where it first scatters.
 
-use rayon::prelude::*;
-
 use crate::error::Result;
 use crate::forms::projected::lights::{Seen, irradiance_of_seen, neighbours, parallel};
 use crate::forms::sampled_scene::SampledScene;
 use crate::light::Light;
 use crate::light::harmonics::coefficients;
+use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 use crate::progress::Progress;
 use crate::transport::irradiance_rows::texels::TexelBaker;

@@ -2,7 +2,6 @@
 //! radiosity is a dot product with it at a reference point, and at a vertex a weighted sum over these.
 
 use glam::DVec3;
-use rayon::prelude::*;
 use translux_format::quantised_lights::{QuantisedLights as File, tags};
 
 use super::light_set::{LightSet, light_net};
@@ -17,6 +16,7 @@ use crate::forms::projected::components::{Coded, Components, LightBasis, LightFu
 use crate::forms::sampled_scene::GROUP;
 use crate::light::Light;
 use crate::light::quantised::vector::Emission;
+use crate::math::parallel::*;
 use crate::scene::Scene;
 use crate::transport::receivers::Receivers;
 

@@ -1,7 +1,6 @@
 //! Visibility of the lights of a set from the samples, and radiosity under all of them.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::light_set::SIDE;
 use crate::error::Result;
@@ -11,6 +10,7 @@ use crate::light::Light;
 use crate::light::quantised::directions::DirectionSet;
 use crate::light::quantised::distances::QuantisedLights;
 use crate::math::cube_map::texel_of;
+use crate::math::parallel::*;
 use crate::medium::fresnel;
 use crate::progress::{Progress, Silent};
 use crate::transport::many_lights::{IrradianceRows, ManyLights};
