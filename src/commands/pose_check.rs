@@ -18,6 +18,7 @@ use crate::io::gltf::PoseSampling;
 use crate::measure::pose::{Asked, Lighting, PoseCheck, default_lights, pose_check};
 use crate::measure::trust::Subject;
 use crate::report::pose_check::{PoseCheckReport, pose_ply};
+use crate::report::quality::promised_rms;
 use crate::report::radiosity_ply::model_of;
 use crate::report::text::percent;
 
@@ -71,6 +72,9 @@ pub(super) fn run(args: &PoseCheckArgs, console: &Console) -> Result<ExitCode> {
         false => Some(LightArgs { light: args.light.clone() }.load(console)?),
     };
     let (mut opened, asset) = args.asset.open_beside(console)?;
+    let good_below = max_rms.unwrap_or_else(|| {
+        promised_rms(&opened.provenance.origin.notes, &asset.ledger, opened.asked_rms().unwrap_or(0.0))
+    });
     let evaluator = opened.evaluator.as_mut();
     let (poses, mut inputs) = args.load(evaluator, opened.provenance.origin.mm_per_source_unit, sampling, console)?;
     if let Some(lights) = &asked_lights {
@@ -86,7 +90,7 @@ pub(super) fn run(args: &PoseCheckArgs, console: &Console) -> Result<ExitCode> {
         None => (false, Some(vertices.unwrap_or(VERTICES))),
     };
     let positions: Vec<_> = poses.iter().map(|pose| pose.positions.clone()).collect();
-    let asked = Asked { max_rms, vertices: most, keeps_vertices };
+    let asked = Asked { good_below, vertices: most, keeps_vertices };
     let check = pose_check(subject, &positions, &lights, asked, console)?;
     for (pose, error) in poses.iter().zip(&check.poses) {
         let torn = error.deformation.torn_mm;

@@ -14,7 +14,7 @@ pub struct Deformation {
     pub mean_mm: f64,
     /// Largest displacement, mm.
     pub max_mm: f64,
-    /// The same beyond the rigid motion that fits the displacement best.
+    /// The same beyond the rigid motion that fits the displacement best, if one brings the vertices nearer.
     pub mean_beyond_rigid_mm: f64,
     /// The same, of the vertex where it is largest.
     pub max_beyond_rigid_mm: f64,
@@ -91,7 +91,10 @@ impl Deformation {
         (result.mean_mm, result.max_mm) = lengths(&|from| from);
         if result.max_mm > 0.0 {
             let (turn, [before, after]) = rigid(&places)?;
-            (result.mean_beyond_rigid_mm, result.max_beyond_rigid_mm) = lengths(&|from| turn * (from - before) + after);
+            let (mean, max) = lengths(&|from| turn * (from - before) + after);
+            // The fit is of squares: where most of the mesh stands still it may move that.
+            let (mean, max) = if mean < result.mean_mm { (mean, max) } else { (result.mean_mm, result.max_mm) };
+            (result.mean_beyond_rigid_mm, result.max_beyond_rigid_mm) = (mean, max);
         }
         Ok(result)
     }

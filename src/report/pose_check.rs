@@ -159,7 +159,7 @@ fn verdict(error: &PoseError, check: &PoseCheck) -> String {
              of the rest pose holds here ({transport} off)"
         ),
         Advice::Bake => {
-            let stretch = [deformation.shortest_edge, deformation.longest_edge].map(significant).join(" to ");
+            let stretch = [deformation.shortest_edge, deformation.longest_edge].map(ratio).join(" to ");
             format!(
                 "bake this pose: {left} is left even in its own light, since the transport of the rest pose is {transport} off (edges {stretch} \
                  times as long)"
@@ -208,7 +208,7 @@ impl fmt::Display for PoseCheckReport {
                 pair([mean_mm, max_mm]),
                 pair([mean_beyond_rigid_mm, max_beyond_rigid_mm]),
                 lengths,
-                [shortest_edge, longest_edge].map(significant).join(" to "),
+                [shortest_edge, longest_edge].map(ratio).join(" to "),
                 volume,
             ]
         });
@@ -228,6 +228,11 @@ impl fmt::Display for PoseCheckReport {
             None => Ok(()),
         }
     }
+}
+
+/// A ratio to three places.
+fn ratio(value: f64) -> String {
+    significant((1e3 * value).round() / 1e3)
 }
 
 /// The sign of what grows.

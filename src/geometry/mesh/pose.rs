@@ -184,8 +184,18 @@ fn same_polygon(ours: &[[u32; 3]], theirs: &[[u32; 3]]) -> Option<usize> {
             count(edges, there, sign);
         }
         if index > 0 && (alike.is_empty() || turned.is_empty()) {
-            return Some(index + 1);
+            return is_polygon(&ours[..=index]).then_some(index + 1);
         }
     }
     None
+}
+
+/// Whether triangles may be the cut of one polygon: they have at most two corners more than there are triangles, all on their outline.
+fn is_polygon(triangles: &[[u32; 3]]) -> bool {
+    let edges = |&[a, b, c]: &[u32; 3]| [[a, b], [b, c], [c, a]];
+    let all: HashSet<[u32; 2]> = triangles.iter().flat_map(edges).collect();
+    let outline = all.iter().filter(|[from, to]| !all.contains(&[*to, *from]));
+    let on_outline: HashSet<u32> = outline.flatten().copied().collect();
+    let corners: HashSet<u32> = triangles.iter().flatten().copied().collect();
+    corners.len() <= triangles.len() + 2 && corners == on_outline
 }

@@ -15,7 +15,6 @@ mod tests;
 use glam::DVec3;
 
 use self::shape::{Entered, Object, Shape};
-use crate::asset::Asset;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::single_scattering::{Scattering, Traced};
 use crate::evaluate::{Evaluator, MaterialEdit, SingleScattering};
@@ -25,14 +24,17 @@ use crate::geometry::refinement::Refinement;
 use crate::geometry::samples::Samples;
 use crate::light::Light;
 use crate::math::statistics::{VertexError, relative_errors, units, vertex_error};
-use crate::measure::exact_sums::{TRUE_RAYS, true_samples};
+use crate::measure::exact_sums::{FINER_BEYOND, TRUE_RAYS, true_samples};
 use crate::measure::probes::{DIRECTIONS, Half, constant, directional};
-use crate::measure::trust::Subject;
+use crate::measure::trust::{Subject, bounces};
 use crate::medium::profile::Orders;
 use crate::progress::{Progress, Silent};
 
-/// Samples at most, unless the asset itself has more: enough for 0.1 %, and each costs rays and sums in every pose.
-const MOST_SAMPLES: usize = 1 << 17;
+/// Samples at most, unless twice those of the asset are more: each costs rays and sums in every pose.
+const MOST_SAMPLES: usize = 1 << 16;
+
+/// Error of an asset that the exact sums are fine enough to tell.
+const SUMS_FOR: f64 = 0.01;
 
 /// Rays towards soft light of all samples together, and of each.
 const SOFT_RAYS: usize = 1 << 23;
@@ -43,9 +45,6 @@ const SINGLE_SAMPLES: u32 = 256;
 
 /// Directional lights that are tried where none are asked for.
 const FEW_DIRECTIONS: usize = 4;
-
-/// Setting of assets whose light falls on the object again from outside.
-const INTER_REFLECTION: &str = "inter-reflection";
 
 /// Bytes of a sample in one shape: its piece of the mesh, its tree and its light.
 const BYTES_OF_A_SAMPLE: u64 = 900;
@@ -62,8 +61,8 @@ pub struct Lighting {
 /// What a pose is held against, and what is asked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Asked {
-    /// Error up to which a pose is good, RMS; none for what the asset promises.
-    pub max_rms: Option<f64>,
+    /// Error up to which a pose is good, RMS.
+    pub good_below: f64,
     /// Vertices that are measured at most, evenly spread; none for all.
     pub vertices: Option<usize>,
     /// Whether errors of each vertex are kept.
@@ -182,7 +181,7 @@ pub fn pose_check(
     progress: &dyn Progress,
 ) -> Result<PoseCheck> {
     let Subject { evaluator, asset, profile, admit } = subject;
-    if asset.provenance.settings.contains_key(INTER_REFLECTION) {
+    if bounces(&asset.provenance).is_some() {
         return Err(Error::unsupported(
             "the asset follows light that falls on the object again from outside (inter-reflection), which is not measured in poses: check an \
              asset that was baked without it",
@@ -192,7 +191,8 @@ pub fn pose_check(
     let number = asset.provenance.settings.get("max-rms").and_then(|text| text.parse::<f64>().ok());
     let promised = number.filter(|rms| rms.is_finite() && *rms > 0.0);
     let own_samples = evaluator.cost().samples;
-    let count = true_samples(&scene, promised.unwrap_or(0.01), own_samples).min(MOST_SAMPLES.max(own_samples));
+    let count =
+        true_samples(&scene, promised.unwrap_or(0.01), own_samples).min(MOST_SAMPLES.max(FINER_BEYOND * own_samples));
     admit((count as u64).saturating_mul(2 * BYTES_OF_A_SAMPLE))?;
     let samples = Samples::new(&scene.mesh, &scene.parts, count);
     let single = evaluator.single_scattering_is();
@@ -225,7 +225,6 @@ pub fn pose_check(
         known.push(Rest { given, exact });
         progress.advance(1);
     }
-    let good_below = asked.max_rms.unwrap_or_else(|| promise(asset, promised));
     let mut measured = Vec::with_capacity(poses.len());
     for (index, positions) in poses.iter().enumerate() {
         let place = |e: Error| e.at(format!("pose {index}"));
@@ -241,7 +240,7 @@ pub fn pose_check(
             found.enter(known, [&exact, &carried], &pose.areas_mm2, asked.keeps_vertices);
             progress.advance(1);
         }
-        let mut error = found.error(deformation, (good_below, own.rms));
+        let mut error = found.error(deformation, (asked.good_below, own.rms));
         error.vertices.expand(&scene.mesh, &object.vertices);
         measured.push(error);
     }
@@ -252,7 +251,7 @@ pub fn pose_check(
         samples: samples.len(),
         vertices: [object.vertices.len(), all.len()],
         own,
-        good_below,
+        good_below: asked.good_below,
         takes_light: evaluator.capabilities().material == MaterialEdit::Any,
         diffusion_length_mm: lengths.map(|m| m.properties.diffusion_length_mm().max_element()).fold(0.0, f64::max),
         poses: measured,
@@ -341,11 +340,6 @@ impl VertexErrors {
             *column = of_vertex.iter().map(|&i| column.get(i).copied().unwrap_or_default()).collect();
         }
     }
-}
-
-/// The error that an asset promises: what was asked of it, or what its ledger tells where that is more.
-fn promise(asset: &Asset, asked: Option<f64>) -> f64 {
-    asked.unwrap_or(0.0).max(asset.ledger.total_rms())
 }
 
 /// The first vertex at each welded place that some triangles use, in the order of the vertices.
