@@ -188,11 +188,8 @@ pub fn pose_check(
         ));
     }
     let scene = evaluator.scene().clone();
-    let number = asset.provenance.settings.get("max-rms").and_then(|text| text.parse::<f64>().ok());
-    let promised = number.filter(|rms| rms.is_finite() && *rms > 0.0);
     let own_samples = evaluator.cost().samples;
-    let count =
-        true_samples(&scene, promised.unwrap_or(0.01), own_samples).min(MOST_SAMPLES.max(FINER_BEYOND * own_samples));
+    let count = true_samples(&scene, SUMS_FOR, own_samples).min(MOST_SAMPLES.max(FINER_BEYOND * own_samples));
     admit((count as u64).saturating_mul(2 * BYTES_OF_A_SAMPLE))?;
     let samples = Samples::new(&scene.mesh, &scene.parts, count);
     let single = evaluator.single_scattering_is();
