@@ -15,6 +15,7 @@ use crate::import::file::{Input, files_of};
 use crate::import::poses::{Pose, load_poses};
 use crate::io::atomic;
 use crate::io::gltf::PoseSampling;
+use crate::measure::exact_sums::MOST_SAMPLES;
 use crate::measure::pose::{Asked, Lighting, PoseCheck, default_lights, pose_check};
 use crate::measure::trust::Subject;
 use crate::report::pose_check::{PoseCheckReport, pose_ply};
@@ -48,20 +49,24 @@ pub(super) struct PoseCheckArgs {
     /// Judge what is left with the light of each pose, not what the rest pose shows
     #[arg(long)]
     relit: bool,
-    /// Vertices that are measured at most, evenly spread (default: 1024, or all with -o)
+    /// Vertices that are measured at most, evenly spread (default: 512, or all with -o)
     #[arg(long, value_name = "N")]
     vertices: Option<usize>,
+    /// Pieces of the surface that exact sums are over (default: 32,768 to 65,536, or twice the samples of the asset)
+    #[arg(long, value_name = "N")]
+    samples: Option<usize>,
     /// Folder for a PLY of each pose with the error of every vertex; made where it is not there
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
 }
 
 /// Vertices that are measured where nobody says how many.
-const VERTICES: usize = 1024;
+const VERTICES: usize = 512;
 
 pub(super) fn run(args: &PoseCheckArgs, console: &Console) -> Result<ExitCode> {
     let max_rms = args.max_rms.as_deref().map(|text| share(text, "--max-rms")).transpose()?;
     let vertices = args.vertices.map(|count| in_range("--vertices", count, 1..=u32::MAX as usize)).transpose()?;
+    let samples = args.samples.map(|count| in_range("--samples", count, 1..=MOST_SAMPLES)).transpose()?;
     if args.output.is_some() && vertices.is_some() {
         return Err(Error::command_line("-o: files have the error of every vertex; leave out --vertices"));
     }
@@ -90,7 +95,7 @@ pub(super) fn run(args: &PoseCheckArgs, console: &Console) -> Result<ExitCode> {
         None => (false, Some(vertices.unwrap_or(VERTICES))),
     };
     let positions: Vec<_> = poses.iter().map(|pose| pose.positions.clone()).collect();
-    let asked = Asked { good_below, vertices: most, keeps_vertices };
+    let asked = Asked { good_below, vertices: most, samples, keeps_vertices };
     let check = pose_check(subject, &positions, &lights, asked, console)?;
     for (pose, error) in poses.iter().zip(&check.poses) {
         let torn = error.deformation.torn_mm;

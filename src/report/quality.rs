@@ -35,7 +35,7 @@ pub(crate) fn promised_rms(notes: &[String], ledger: &Ledger, asked: f64) -> f64
             [number, "%", next] if next.starts_with("RMS") || *next == "is" => number.parse::<f64>().ok(),
             _ => None,
         };
-        words.windows(3).filter_map(share).last()
+        words.windows(3).filter_map(share).next_back()
     });
     of_plan.map_or_else(|| asked.max(ledger.total_rms()), |percent| percent / 100.0)
 }

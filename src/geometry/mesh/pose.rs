@@ -1,6 +1,6 @@
 //! Another pose of a mesh: the same connectivity, its vertices elsewhere.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use glam::{DVec3, Vec3};
 
@@ -15,6 +15,9 @@ const MOST_CUT: usize = 1024;
 
 /// Area of a triangle over the least that a mesh keeps, below which it may have been left out: extents differ by what was left out.
 const SLACK: f64 = 4.0;
+
+/// The first triangle with each set of corners and orientation.
+type Known = HashMap<([u32; 3], bool), usize>;
 
 /// Where the vertices of a mesh are.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -43,7 +46,7 @@ impl Mesh {
             )));
         }
         let is_baked = self.baked_materials();
-        let mut known: Option<HashSet<([u32; 3], bool)>> = None;
+        let mut known: Option<Known> = None;
         let (mut own, mut there) = (0, 0);
         while let Some(&theirs) = model.triangles.get(there) {
             let ours = self.triangles.get(own);
@@ -54,7 +57,7 @@ impl Mesh {
                 there += 1;
             } else if let Some(count) = same_polygon(&self.triangles[own..], &model.triangles[there..]) {
                 (own, there) = (own + count, there + count);
-            } else if self.may_be_left_out(theirs, &mut known) {
+            } else if self.may_be_left_out(theirs, own, &mut known) {
                 there += 1;
             } else {
                 let [a, b, c] = theirs;
@@ -87,8 +90,8 @@ impl Mesh {
         self.materials.iter().map(String::as_str).zip(used).collect()
     }
 
-    /// Whether a triangle of the source could be one that the mesh did not keep.
-    fn may_be_left_out(&self, corners: [u32; 3], known: &mut Option<HashSet<([u32; 3], bool)>>) -> bool {
+    /// Whether a triangle of the source could be one that the mesh did not keep, before its triangle `own`.
+    fn may_be_left_out(&self, corners: [u32; 3], own: usize, known: &mut Option<Known>) -> bool {
         let Some([a, b, c]) = self.welds_of(corners) else { return false };
         if a == b || b == c || c == a {
             return true;
@@ -98,8 +101,9 @@ impl Mesh {
         if (q - p).cross(r - p).length() <= SLACK * resolution_mm * resolution_mm {
             return true;
         }
-        let all = || (0..self.triangles.len() as u32).map(|t| sorted_corners(self.welded(t))).collect();
-        known.get_or_insert_with(all).contains(&sorted_corners([a, b, c]))
+        // Of a repeated triangle the first is kept.
+        let all = || (0..self.triangles.len()).rev().map(|t| (sorted_corners(self.welded(t as u32)), t)).collect();
+        known.get_or_insert_with(all).get(&sorted_corners([a, b, c])).is_some_and(|first| *first < own)
     }
 
     fn welds_of(&self, corners: [u32; 3]) -> Option<[u32; 3]> {

@@ -65,6 +65,8 @@ pub struct Asked {
     pub good_below: f64,
     /// Vertices that are measured at most, evenly spread; none for all.
     pub vertices: Option<usize>,
+    /// Pieces of the surface that exact sums are over; none for as many as tell the errors of an asset.
+    pub samples: Option<usize>,
     /// Whether errors of each vertex are kept.
     pub keeps_vertices: bool,
 }
@@ -189,7 +191,8 @@ pub fn pose_check(
     }
     let scene = evaluator.scene().clone();
     let own_samples = evaluator.cost().samples;
-    let count = true_samples(&scene, SUMS_FOR, own_samples).min(MOST_SAMPLES.max(FINER_BEYOND * own_samples));
+    let most = MOST_SAMPLES.max(FINER_BEYOND * own_samples);
+    let count = asked.samples.unwrap_or_else(|| true_samples(&scene, SUMS_FOR, own_samples).min(most));
     admit((count as u64).saturating_mul(2 * BYTES_OF_A_SAMPLE))?;
     let samples = Samples::new(&scene.mesh, &scene.parts, count);
     let single = evaluator.single_scattering_is();

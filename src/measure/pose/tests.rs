@@ -21,7 +21,7 @@ use crate::methods::built_in;
 use crate::progress::Silent;
 use crate::scene::Scene;
 
-const ALL: Asked = Asked { good_below: 0.02, vertices: None, keeps_vertices: true };
+const ALL: Asked = Asked { good_below: 0.02, vertices: None, samples: Some(4000), keeps_vertices: true };
 
 fn asset(model: SourceModel, parts: &[usize]) -> Asset {
     let (mesh, _) = Mesh::from_source(model, &Placement { mm_per_unit: 1.0 }).unwrap();
@@ -145,7 +145,7 @@ fn figures_do_not_depend_on_threads_and_fewer_vertices_are_told() {
     };
     let all = on(1, ALL);
     assert_eq!(all, on(3, ALL));
-    let few = on(2, Asked { good_below: 0.5, vertices: Some(40), keeps_vertices: false });
+    let few = on(2, Asked { good_below: 0.5, vertices: Some(40), keeps_vertices: false, ..ALL });
     assert_eq!((few.vertices, all.vertices, few.good_below), ([40, 162], [162, 162], 0.5));
     let [one, other] = [&few, &all].map(|found| found.poses[0].shown.rms);
     assert!((one / other - 1.0).abs() < 0.3, "{one} {other}");
