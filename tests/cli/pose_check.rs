@@ -126,7 +126,7 @@ fn what_is_no_pose_of_the_mesh_is_refused() {
     folder.run("pose-check rest.obj a.tlux --max-memory 3MB").fails(4, &["--max-memory"]);
     let black = "--light directional:from=0,1,0:irradiance=0";
     folder.run(&format!("pose-check rest.obj a.tlux {black}")).fails(1, &["no light arrives"]);
-    let outside = baked("--method editable --samples 300 --for-lights directional --set inter-reflection=once");
+    let outside = baked("--method two_pass --samples 300 --for-lights directional --set inter-reflection=once");
     outside.run("pose-check bent.obj a.tlux").fails(5, &["inter-reflection"]);
 }
 
