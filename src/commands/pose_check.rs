@@ -38,25 +38,25 @@ pub(super) struct PoseCheckArgs {
         long_help = long_help("Without any, four directions and light from everywhere, each alone."))]
     light: Vec<String>,
     /// Poses of an animation, evenly from its first key to its last
-    #[arg(long, value_name = "N", default_value_t = 8)]
+    #[arg(long, value_name = "N", default_value_t = 8, help_heading = "Poses")]
     frames: usize,
     /// Animation, by its name or its number from 0 (default: the first)
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", help_heading = "Poses")]
     animation: Option<String>,
     /// Exit with 6 if a pose is off by more, RMS, such as 2% (default: judge by what the asset promises, and fail with --strict alone)
-    #[arg(long, value_name = "E")]
+    #[arg(long, value_name = "E", help_heading = "Poses")]
     max_rms: Option<String>,
     /// Judge what is left with the light of each pose, not what the rest pose shows
-    #[arg(long)]
+    #[arg(long, help_heading = "Poses")]
     relit: bool,
     /// Vertices that are measured at most, evenly spread (default: 512, or all with -o)
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", help_heading = "Poses")]
     vertices: Option<usize>,
     /// Pieces of the surface that exact sums are over (default: 32,768 to 65,536, or twice the samples of the asset)
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", help_heading = "Poses")]
     samples: Option<usize>,
     /// Folder for a PLY of each pose with the error of every vertex; made where it is not there
-    #[arg(short, long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR", help_heading = "Poses")]
     output: Option<PathBuf>,
 }
 
