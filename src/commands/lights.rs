@@ -18,14 +18,15 @@ use crate::scene::Scene;
 #[command(next_help_heading = "Light")]
 pub(super) struct LightArgs {
     /// A light; repeatable. constant, directional, point, spot, area, env, sky or a bare path of an EXR or HDR picture
-    #[arg(long = "light", value_name = "LIGHT", long_help = long_help())]
+    #[arg(long = "light", value_name = "LIGHT", long_help = long_help("Without any, the built-in sky."))]
     pub(super) light: Vec<String>,
 }
 
-fn long_help() -> String {
+/// Help on lights; `without` tells what shines where there are none.
+pub(super) fn long_help(without: &str) -> String {
     let forms: Vec<&str> = examples().collect();
     format!(
-        "A light; repeatable, their light adds up. Without any, the built-in sky. Lengths in mm, values a number or R,G,B:\n  {}\n\
+        "A light; repeatable, their light adds up. {without} Lengths in mm, values a number or R,G,B:\n  {}\n\
          A bare path is an environment. A spot's angle is the full angle of its cone in degrees, its blend the share of the half angle, from \
          the edge inwards, over which it falls to nothing (0.15). An area light with field=32 goes through a source radiance field of 32 x 32 points on each of its \
          spheres, without rays: for assets of `editable` with rows for environments.",

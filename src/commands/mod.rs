@@ -30,6 +30,7 @@ mod opening;
 mod output;
 mod page;
 mod planning;
+mod pose_check;
 mod rebuild;
 mod reference;
 mod relight;
@@ -84,6 +85,8 @@ enum Command {
     Inspect(inspect::InspectArgs),
     /// The error of an asset at a vertex or a pixel, by stage, and what mends it
     Blame(blame::BlameArgs),
+    /// How wrong the rest pose's result is in other poses of the object
+    PoseCheck(pose_check::PoseCheckArgs),
     /// Everything that is wrong with an asset, as numbered findings
     Validate(validate::ValidateArgs),
     /// Speed against accuracy against size: every method at several settings, against one reference
@@ -266,6 +269,7 @@ fn run_command(cli: Cli, console: &Console, pool: rayon::ThreadPool) -> Result<E
         Command::Reference(args) => reference::run(&args, console),
         Command::Inspect(args) => inspect::run(&args, console),
         Command::Blame(args) => blame::run(&args, console),
+        Command::PoseCheck(args) => pose_check::run(&args, console),
         Command::Validate(args) => validate::run(&args, console),
         Command::Chart(args) => chart::run(&args, console),
         Command::Compare(args) => compare::run(&args, console),

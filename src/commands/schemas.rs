@@ -22,6 +22,7 @@ use crate::report::inspection::Inspection;
 use crate::report::materials::MaterialsReport;
 use crate::report::methods::MethodsReport;
 use crate::report::picture::RenderReport;
+use crate::report::pose_check::PoseCheckReport;
 use crate::report::validation::Validation;
 
 /// Set to write the schemas in place of comparing them.
@@ -115,6 +116,7 @@ fn documents() -> Vec<Document> {
         relight,
         Document::report("inspect").files::<Inspection>(),
         Document::report("blame").body::<BlameReport>(),
+        Document::report("pose-check").body::<PoseCheckReport>(),
         Document::report("validate").files::<Validation>(),
         Document::report("compare").files::<Comparison>(),
         Document::report("chart").body::<chart::ChartReport<'static>>().body::<chart::GrowthReport<'static>>(),

@@ -58,16 +58,27 @@ impl Facet {
 }
 
 /// Cuts a triangle at the middle of its longest edge (the first of equals).
-pub fn bisect([a, b, c]: [DVec3; 3]) -> [[DVec3; 3]; 2] {
+pub fn bisect(corners: [DVec3; 3]) -> [[DVec3; 3]; 2] {
+    cut_at(corners, longest_edge(corners), |p, q| 0.5 * (p + q))
+}
+
+/// The corner of a triangle that its longest edge starts at (the first of equals).
+pub(super) fn longest_edge([a, b, c]: [DVec3; 3]) -> usize {
     let (ab, bc, ca) = (a.distance_squared(b), b.distance_squared(c), c.distance_squared(a));
-    let [p, q, r] = if ab >= bc && ab >= ca {
-        [a, b, c]
+    if ab >= bc && ab >= ca {
+        0
     } else if bc >= ca {
-        [b, c, a]
+        1
     } else {
-        [c, a, b]
-    };
-    let middle = 0.5 * (p + q);
+        2
+    }
+}
+
+/// Cuts a triangle at the middle of the edge that starts at a corner, whatever its corners are given by.
+pub(super) fn cut_at<T: Copy>(mut corners: [T; 3], edge: usize, mut middle: impl FnMut(T, T) -> T) -> [[T; 3]; 2] {
+    corners.rotate_left(edge);
+    let [p, q, r] = corners;
+    let middle = middle(p, q);
     [[p, middle, r], [middle, q, r]]
 }
 

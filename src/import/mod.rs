@@ -22,6 +22,7 @@
 pub mod file;
 pub mod materials;
 pub mod of_file;
+pub mod poses;
 mod size;
 #[cfg(test)]
 mod tests;

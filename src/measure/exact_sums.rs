@@ -29,7 +29,7 @@ const SOFT_DIRECTIONS: std::ops::RangeInclusive<u32> = 64..=512;
 pub(crate) const TRUE_RAYS: LightSampling = LightSampling { points_per_patch: 8, directions: 512, area_side: 12 };
 
 /// Its near field: errors of 4e-4, worst receiver of a plane, that of [`NearField::FAST`] over the squared ratio of the distances.
-const TRUE_NEAR: NearField = NearField { exact_below: 4.5, three_points_below: 9.0 };
+pub(crate) const TRUE_NEAR: NearField = NearField { exact_below: 4.5, three_points_below: 9.0 };
 
 /// Samples of the truth under soft light, and its rays.
 pub(crate) fn under_soft_light(scene: &Scene, samples: usize) -> (usize, LightSampling) {

@@ -1,4 +1,4 @@
-//! Error metrics of pictures, probe lights, comparisons, and where an asset is wrong.
+//! Error metrics of pictures, probe lights, comparisons, where an asset is wrong, and how wrong it is in poses.
 
 pub mod between_vertices;
 pub mod chart;
@@ -7,5 +7,6 @@ pub mod flip;
 pub mod growth;
 pub mod image_error;
 pub mod light_places;
+pub mod pose;
 pub mod probes;
 pub mod trust;

@@ -31,6 +31,7 @@ pub mod materials;
 pub(crate) mod methods;
 pub(crate) mod opened;
 pub(crate) mod picture;
+pub(crate) mod pose_check;
 pub(crate) mod quality;
 pub(crate) mod radiosity_ply;
 pub(crate) mod sheet;

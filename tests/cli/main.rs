@@ -23,6 +23,7 @@ mod output;
 mod page;
 mod pictures;
 mod plan;
+mod pose_check;
 mod reader;
 mod relight;
 mod revisions;

@@ -147,6 +147,23 @@ impl Model {
     }
 }
 
+/// The calibrated kernels of a scene in the place of an asset's: a pose of it, with the media in force. They are those that the asset keeps
+/// where the scene is its own, otherwise made by the same walks through the scene; none where its kernels are dipoles.
+///
+/// # Errors
+/// Sections that cannot be read; as [`Calibrated::by_walks`].
+pub(crate) fn of_scene(asset: &Asset, scene: &Scene, progress: &dyn Progress) -> Result<Option<Calibrated>> {
+    let Some(numbers) = Calibration::numbers(&asset.sections).map_err(read_error)? else { return Ok(None) };
+    let own = &asset.scene;
+    let is_own = numbers.diagonal_mm == own.mesh.diagonal_mm()
+        && own.mesh.local_mm == scene.mesh.local_mm
+        && properties(&own.media) == properties(&scene.media);
+    if is_own && Calibration::is_kept(&asset.sections) {
+        return read(scene, &asset.sections).map(Some);
+    }
+    Calibrated::by_walks(scene.domain(), &Bvh::new(&scene.mesh), walks_of(&numbers), progress).map(Some)
+}
+
 /// The walks that a calibration was made by.
 fn walks_of(numbers: &Numbers) -> Walks {
     let orders = if numbers.from_order == 1 { Orders::FromOne } else { Orders::FromTwo };

@@ -14,7 +14,7 @@ use crate::math::random::mix;
 const MAX_TRIANGLES: usize = 1 << 30;
 
 /// Largest coordinate of a model's centre, mm: what files hold.
-const MAX_ORIGIN_MM: f64 = 1e12;
+pub(super) const MAX_ORIGIN_MM: f64 = 1e12;
 
 /// Counts of the defects and repairs between the source and the mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -228,7 +228,7 @@ fn used_vertices(triangles: &[[u32; 3]], vertices: usize) -> Vec<bool> {
 }
 
 /// Offsets from the origin in single precision; none where they are not finite.
-fn round_positions(positions: &[DVec3], mm_per_unit: f64, origin_mm: DVec3) -> Vec<Option<Vec3>> {
+pub(super) fn round_positions(positions: &[DVec3], mm_per_unit: f64, origin_mm: DVec3) -> Vec<Option<Vec3>> {
     let round = |p: &DVec3| {
         let local = (*p * mm_per_unit - origin_mm).as_vec3();
         // Adding zero turns -0 into +0, so that equal places have equal bits.
@@ -304,7 +304,7 @@ fn drop_duplicates(mesh: &Mesh, keep: &mut [bool], report: &mut RepairReport) {
 }
 
 /// The corners in ascending order, and whether the winding runs against it.
-fn sorted_corners(mut corners: [u32; 3]) -> ([u32; 3], bool) {
+pub(super) fn sorted_corners(mut corners: [u32; 3]) -> ([u32; 3], bool) {
     let smallest = (0..3).min_by_key(|&i| corners[i]).unwrap_or(0);
     corners.rotate_left(smallest);
     let [first, second, third] = corners;

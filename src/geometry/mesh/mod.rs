@@ -2,12 +2,14 @@
 
 mod build;
 mod edges;
+mod pose;
 mod scale;
 
 use glam::{DVec3, Vec2, Vec3};
 
 pub use build::{RepairReport, material_indices, skip_materials};
 pub(crate) use edges::{Chain, EdgeTable, simple_chains};
+pub use pose::Positions;
 pub use scale::{Placement, Scale, UpAxis, diagonal_in_units, resolve_scale};
 
 use super::source::CornerAttribute;

@@ -133,3 +133,58 @@ fn skipped_materials_go_with_their_triangles_only() {
     let (mesh, report) = Mesh::from_source(source, &UNIT).unwrap();
     assert_eq!((report.unreferenced_vertices, mesh.local_mm.len()), (12, 24));
 }
+
+#[test]
+fn a_pose_is_the_same_mesh_and_anything_else_is_named() {
+    let ball = icosphere(1.0, 1);
+    let mesh = Mesh::from_source(ball.clone(), &UNIT).unwrap().0;
+    mesh.check_pose(&ball).unwrap();
+    let message = |model: &SourceModel| {
+        let error = mesh.check_pose(model).unwrap_err();
+        assert_eq!(error.code(), ExitCode::InvalidInput);
+        error.to_string()
+    };
+    assert!(message(&icosphere(1.0, 2)).contains("162 vertices and 320 triangles"));
+    let mut swapped = ball.clone();
+    swapped.triangles.swap(3, 9);
+    assert!(message(&swapped).contains("its triangle 3 has the vertices"), "{}", message(&swapped));
+    let mut more = ball.clone();
+    more.triangles.push([0, 1, 40]);
+    more.triangle_material.push(0);
+    assert!(message(&more).contains("triangle 80"), "{}", message(&more));
+    // Repeated, without area, or of a material that was skipped: never in the mesh.
+    let mut repeated = ball.clone();
+    for corners in [ball.triangles[7], [4, 4, 5]] {
+        repeated.triangles.insert(20, corners);
+        repeated.triangle_material.push(0);
+    }
+    mesh.check_pose(&repeated).unwrap();
+    // Turned round, as parts with their normals inwards are.
+    let mut turned = ball;
+    turned.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    mesh.check_pose(&turned).unwrap();
+    // A quad and a pentagon, cut along other diagonals.
+    let corners = [[0.0, 0.0], [1.0, 0.0], [2.0, 0.5], [2.0, 1.0], [1.0, 1.0], [0.0, 1.0]];
+    let cut = |list: &[[u32; 3]]| triangles(&corners.map(|[x, y]| [x, y, 0.1 * x * y]), list);
+    let flat = Mesh::from_source(cut(&[[0, 1, 4], [0, 4, 5], [1, 2, 3], [1, 3, 4]]), &UNIT).unwrap().0;
+    flat.check_pose(&cut(&[[0, 1, 5], [1, 4, 5], [1, 2, 4], [2, 3, 4]])).unwrap();
+    assert!(flat.check_pose(&cut(&[[0, 1, 5], [1, 4, 5], [1, 2, 4], [2, 3, 0]])).is_err());
+}
+
+#[test]
+fn positions_of_a_pose_keep_what_has_not_moved() {
+    let mesh = Mesh::from_source(icosphere(1.0, 1), &UNIT).unwrap().0;
+    let places: Vec<DVec3> = (0..42).map(|v| mesh.position_mm(v)).collect();
+    let near: Vec<DVec3> = places.iter().map(|p| *p + DVec3::splat(1e-7)).collect();
+    assert_eq!(mesh.posed(&near, 1.0).unwrap().local_mm, mesh.local_mm);
+    // Far away the origin goes along, and the shape keeps its digits.
+    let far: Vec<DVec3> = places.iter().map(|p| *p + DVec3::new(1e6, 0.0, 0.0)).collect();
+    let pose = mesh.in_pose(&mesh.posed(&far, 1.0).unwrap());
+    assert!(pose.origin_mm.x > 9e5 && pose.position_mm(3).distance(far[3]) < 1e-6);
+    for bad in [DVec3::NAN, DVec3::INFINITY, DVec3::splat(1e300)] {
+        let mut broken = places.clone();
+        broken[5] = bad;
+        assert_eq!(mesh.posed(&broken, 1.0).unwrap_err().code(), ExitCode::InvalidInput);
+    }
+    assert!(mesh.posed(&places[1..], 1.0).is_err() && mesh.posed(&[DVec3::ONE; 42], 1.0).is_err());
+}

@@ -21,6 +21,20 @@ pub(super) enum Role {
     Indices,
     InstanceVector,
     InstanceRotation,
+    /// Times of the keys of an animation.
+    Times,
+    /// Translations or scales of the keys of an animation.
+    AnimatedVector,
+    /// Rotations of the keys of an animation.
+    AnimatedRotation,
+    /// Weights of morph targets of the keys of an animation.
+    AnimatedWeights,
+    /// Four joints that a vertex follows.
+    Joints,
+    /// How far it follows them.
+    JointWeights,
+    /// Inverse bind matrices of joints.
+    InverseBind,
     /// To be copied.
     Any,
 }
@@ -43,10 +57,18 @@ impl Role {
                     }
             }
             Role::Indices => kind == Type::Scalar && !normalized && matches!(component, U8 | U16 | U32),
-            Role::InstanceVector => kind == Type::Vec3 && component == F32,
+            Role::InstanceVector | Role::AnimatedVector => kind == Type::Vec3 && component == F32,
             Role::InstanceRotation => {
                 kind == Type::Vec4 && (component == F32 || (normalized && matches!(component, I8 | I16)))
             }
+            Role::Times => kind == Type::Scalar && component == F32,
+            Role::AnimatedRotation => kind == Type::Vec4 && (component == F32 || (normalized && component != U32)),
+            Role::AnimatedWeights => kind == Type::Scalar && (component == F32 || (normalized && component != U32)),
+            Role::Joints => kind == Type::Vec4 && !normalized && matches!(component, U8 | U16),
+            Role::JointWeights => {
+                kind == Type::Vec4 && (component == F32 || (normalized && matches!(component, U8 | U16)))
+            }
+            Role::InverseBind => kind == Type::Mat4 && component == F32,
             // Columns of matrices have gaps of their own.
             Role::Any => !matches!(kind, Type::Mat2 | Type::Mat3 | Type::Mat4),
         }
@@ -60,6 +82,13 @@ impl Role {
             Role::Indices => "indices must be SCALAR of u8, u16 or u32",
             Role::InstanceVector => "TRANSLATION and SCALE of instances must be VEC3 of f32",
             Role::InstanceRotation => "ROTATION of instances must be VEC4 of f32 or of normalised i8 or i16",
+            Role::Times => "times of an animation must be SCALAR of f32",
+            Role::AnimatedVector => "translations and scales of an animation must be VEC3 of f32",
+            Role::AnimatedRotation => "rotations of an animation must be VEC4 of f32 or of normalised integers",
+            Role::AnimatedWeights => "weights of an animation must be SCALAR of f32 or of normalised integers",
+            Role::Joints => "JOINTS_n must be VEC4 of u8 or u16",
+            Role::JointWeights => "WEIGHTS_n must be VEC4 of f32 or of normalised u8 or u16",
+            Role::InverseBind => "inverse bind matrices must be MAT4 of f32",
             Role::Any => "attributes of vertices must be no matrices",
         }
     }

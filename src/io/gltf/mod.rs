@@ -5,12 +5,14 @@
 //! a mesh appears once for each node and instance that places it, and lengths are metres.
 //!
 //! Supported are triangles, strips and fans; `POSITION`, `NORMAL` and `TEXCOORD_0`; sparse accessors;
-//! `KHR_mesh_quantization`; `EXT_mesh_gpu_instancing`. Skins and morph targets are not applied (a warning says so).
+//! `KHR_mesh_quantization`; `EXT_mesh_gpu_instancing`. Skins and morph targets are not applied (a warning says so), but by
+//! [`read_poses`], which samples animations.
 //! Compressed geometry (Draco, meshopt) is refused as unsupported.
 //!
 //! Of materials their names are read and what they say of their inside ([`SourceModel::insides`]).
 
 mod accessor;
+mod animation;
 mod assemble;
 pub mod base_colour;
 mod buffers;
@@ -20,7 +22,9 @@ mod extensions;
 mod inside;
 mod layout;
 mod nodes;
+mod poses;
 mod primitive;
+mod skin;
 #[cfg(test)]
 mod tests;
 mod unused;
@@ -35,6 +39,7 @@ use crate::geometry::source::SourceModel;
 pub use self::assemble::MAX_ELEMENTS;
 pub use self::layout::{PlacedMesh, PlacedPrimitive};
 pub use self::nodes::MAX_INSTANCES;
+pub use self::poses::{Animated, Pose, PoseSampling, read_poses};
 use self::warnings::Warnings;
 
 /// Reads a glTF 2.0 file (`.gltf` or `.glb`) in metres.

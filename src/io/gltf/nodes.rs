@@ -30,14 +30,36 @@ pub(super) struct Placement {
     pub(super) instances: usize,
 }
 
+/// What is said of meshes whose skins are not applied.
+pub(super) const UNSKINNED: &str = "the mesh is read as stored: its skin is not applied";
+
+/// The nodes of the scene, each with its place.
+pub(super) struct Tree {
+    /// Every placement of a mesh, in the order of the model's vertices.
+    pub(super) placements: Vec<Placement>,
+    /// The transform of each node from its own coordinates to the scene's; none of nodes that the scene does not have.
+    pub(super) to_scene: Vec<Option<DAffine3>>,
+}
+
 /// Every placement of the scene, in the order of the model's vertices.
 pub(super) fn placements(root: &Root, data: &Accessors<'_>, warnings: &mut Warnings) -> Result<Vec<Placement>> {
+    Ok(tree(root, data, &|_| None, warnings)?.placements)
+}
+
+/// The nodes of the scene; `animated` gives the local transforms of those that do not have their own.
+pub(super) fn tree(
+    root: &Root,
+    data: &Accessors<'_>,
+    animated: &dyn Fn(usize) -> Option<DAffine3>,
+    warnings: &mut Warnings,
+) -> Result<Tree> {
+    let mut transforms = vec![None; root.nodes.len()];
     if root.nodes.is_empty() {
         if !root.meshes.is_empty() {
             warnings.add("the file has no nodes: every mesh is read once as it is");
         }
         let place = |mesh| Placement { mesh, to_scene: DAffine3::IDENTITY, node: None, instances: 1 };
-        return Ok((0..root.meshes.len()).map(place).collect());
+        return Ok(Tree { placements: (0..root.meshes.len()).map(place).collect(), to_scene: transforms });
     }
     let mut pending: Vec<(usize, DAffine3)> =
         roots(root, warnings).into_iter().map(|n| (n, DAffine3::IDENTITY)).collect();
@@ -53,12 +75,18 @@ pub(super) fn placements(root: &Root, data: &Accessors<'_>, warnings: &mut Warni
             return Err(Error::input(format!("{place} is reached twice: nodes must form trees without cycles")));
         }
         let place = || node_label(index, node);
-        let to_parent = local_transform(node, place, warnings).map_err(|e| e.at(place()))?;
+        let to_parent = match animated(index) {
+            Some(transform) => transform,
+            None => local_transform(node, place, warnings).map_err(|e| e.at(place()))?,
+        };
         let to_scene = parent_to_scene * to_parent;
         check_finite(&to_scene).map_err(|e| e.at(place()))?;
+        if let Some(slot) = transforms.get_mut(index) {
+            *slot = Some(to_scene);
+        }
         if let Some(mesh) = node.mesh {
             if node.skin.is_some() {
-                warnings.add_at(&place(), "the mesh is read as stored: its skin is not applied");
+                warnings.add_at(&place(), UNSKINNED);
             }
             let instances = instances(node, data).map_err(|e| e.at(INSTANCING).at(place()))?;
             if placements.len() + instances.len() > MAX_INSTANCES {
@@ -73,7 +101,7 @@ pub(super) fn placements(root: &Root, data: &Accessors<'_>, warnings: &mut Warni
         }
         pending.extend(node.children.iter().flatten().rev().map(|child| (child.value(), to_scene)));
     }
-    Ok(placements)
+    Ok(Tree { placements, to_scene: transforms })
 }
 
 /// The root nodes that are read.
@@ -109,17 +137,37 @@ fn local_transform(node: &Node, place: impl Fn() -> String, warnings: &mut Warni
         }
         return Ok(DAffine3::from_mat3_translation(DMat3::from_mat4(matrix), matrix.w_axis.truncate()));
     }
-    let vector = |value: Option<[f32; 3]>, fallback| value.map_or(fallback, |v| DVec3::from_array(v.map(f64::from)));
-    let rotation = node.rotation.map_or([0.0, 0.0, 0.0, 1.0], |rotation| rotation.0);
-    let rotation = unit_rotation(rotation)?;
-    if rotation.1 > UNIT_TOLERANCE {
+    let (parts, off) = Parts::of(node)?;
+    if off > UNIT_TOLERANCE {
         warnings.add_at(&place(), "has a rotation that is not of unit length: it is normalised");
     }
-    Ok(DAffine3::from_scale_rotation_translation(
-        vector(node.scale, DVec3::ONE),
-        rotation.0,
-        vector(node.translation, DVec3::ZERO),
-    ))
+    Ok(parts.together())
+}
+
+/// Translation, rotation and scale of a node without a matrix.
+#[derive(Clone, Copy)]
+pub(super) struct Parts {
+    pub(super) translation: DVec3,
+    /// Of unit length.
+    pub(super) rotation: DQuat,
+    pub(super) scale: DVec3,
+}
+
+impl Parts {
+    /// Those that a node states, and the difference of the length of its rotation from 1.
+    pub(super) fn of(node: &Node) -> Result<(Self, f64)> {
+        let vector =
+            |value: Option<[f32; 3]>, fallback| value.map_or(fallback, |v| DVec3::from_array(v.map(f64::from)));
+        let rotation = node.rotation.map_or([0.0, 0.0, 0.0, 1.0], |rotation| rotation.0);
+        let (rotation, off) = unit_rotation(rotation)?;
+        let (translation, scale) = (vector(node.translation, DVec3::ZERO), vector(node.scale, DVec3::ONE));
+        Ok((Self { translation, rotation, scale }, off))
+    }
+
+    /// The transform that they are together.
+    pub(super) fn together(self) -> DAffine3 {
+        DAffine3::from_scale_rotation_translation(self.scale, self.rotation, self.translation)
+    }
 }
 
 /// The normalised rotation, and the difference of its length from 1.

@@ -12,6 +12,9 @@ use crate::error::{Error, Result};
 /// Largest distance of a normal's length from 1 that rounding to 8 bits explains.
 const NORMAL_TOLERANCE: f32 = 0.02;
 
+/// What is said of primitives whose morph targets are not applied.
+pub(super) const UNMORPHED: &str = "morph targets are not applied: the base shape is read";
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Topology {
     Triangles,
@@ -94,7 +97,7 @@ impl<'a> CheckedPrimitive<'a> {
             return Err(extensions::refusal(DRACO));
         }
         if primitive.targets.as_ref().is_some_and(|targets| !targets.is_empty()) {
-            warnings.add_at(place, "morph targets are not applied: the base shape is read");
+            warnings.add_at(place, UNMORPHED);
         }
         let indices = primitive.indices.map(|index| data.elements(index.value(), Role::Indices)).transpose()?;
         let corners = match primitive.indices {
@@ -134,6 +137,11 @@ impl CheckedPrimitive<'_> {
             Topology::Triangles => self.corners / 3,
             Topology::Strip | Topology::Fan => self.corners.saturating_sub(2),
         }
+    }
+
+    /// Positions as stored, finite or not.
+    pub(super) fn positions(&self) -> Vec<[f32; 3]> {
+        self.positions.floats()
     }
 
     /// Returns whether the primitive stores normals.

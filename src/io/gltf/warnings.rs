@@ -25,6 +25,11 @@ impl Warnings {
         }
     }
 
+    /// Takes back a warning: what it says is done after all.
+    pub(super) fn retract(&mut self, message: &str) {
+        self.kinds.retain(|known| known.message != message);
+    }
+
     pub(super) fn into_lines(self) -> Vec<String> {
         self.kinds.into_iter().map(Warning::into_line).collect()
     }

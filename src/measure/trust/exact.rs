@@ -125,7 +125,7 @@ impl<'a> Exact<'a> {
 }
 
 /// How often light outside the medium is transferred again in an asset; none where it is lost.
-fn bounces(provenance: &Provenance) -> Option<u32> {
+pub(in crate::measure) fn bounces(provenance: &Provenance) -> Option<u32> {
     match provenance.settings.get(INTER_REFLECTION).map(String::as_str) {
         Some("once") => Some(1),
         Some(text) => text.parse().ok().filter(|times| (1..=MOST_TIMES).contains(times)),

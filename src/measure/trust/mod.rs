@@ -13,4 +13,5 @@ mod thickness;
 
 pub use self::blame::{Blame, Place, StageError, blame};
 pub use self::exact::Subject;
+pub(super) use self::exact::bounces;
 pub use self::map::{Stages, Sums, Trust, VertexTrust, trust};

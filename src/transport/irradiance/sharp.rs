@@ -284,6 +284,20 @@ impl Pieces {
         let range = first..first + self.count;
         Some(self.deviations.get(range.clone())?.iter().copied().zip(self.corners.get(range)?))
     }
+
+    /// The same light on the same samples of the surface in another shape: `corner` carries a corner of a piece of a sample there, relative
+    /// to the centroid of the sample, mm.
+    #[must_use]
+    pub fn carried(&self, corner: impl Fn(usize, DVec3) -> DVec3) -> Self {
+        let mut result = self.clone();
+        for (patch, &first) in self.first.iter().enumerate().filter(|(_, first)| **first != u32::MAX) {
+            let pieces = result.corners.iter_mut().skip(first as usize).take(self.count);
+            for c in pieces.flatten() {
+                *c = corner(patch, glam::Vec3::from_array(*c).as_dvec3()).as_vec3().to_array();
+            }
+        }
+        result
+    }
 }
 
 /// Visits `count` (a power of two) congruent-area pieces of a triangle.

@@ -7,6 +7,7 @@ mod files;
 mod insides;
 mod mutations;
 mod pictures;
+mod poses;
 mod refusals;
 
 use std::path::{Path, PathBuf};
