@@ -36,13 +36,14 @@
 //! # Layers
 //!
 //! Modules import downwards only, in this order:
-//! `error` < `progress` < `math` < `medium` < `geometry` < `light` < `io` < `compress` < `transport` < `scene`
+//! `error` < `parallel` < `progress` < `math` < `medium` < `geometry` < `light` < `io` < `compress` < `transport` < `scene`
 //! < `import` < `asset` < `evaluate` < `forms` < `methods` < `render` < `relight` < `export` < `measure` < `report` < `plan`
 //! < `commands`. `tests/layers.rs` checks it. This file alone re-exports across them.
 
 #![warn(clippy::exit, clippy::panic, clippy::print_stderr, clippy::print_stdout)]
 
 pub mod error;
+pub mod parallel;
 pub mod progress;
 
 pub mod math;

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::math::parallel::*;
+use crate::parallel::*;
 
 /// Receives the progress of one stage after another. Implementations must be cheap to call from many threads.
 pub trait Progress: Sync {

@@ -94,7 +94,7 @@ pub(super) fn run(args: &PoseCheckArgs, console: &Console) -> Result<ExitCode> {
         Some(_) => (true, None),
         None => (false, Some(vertices.unwrap_or(VERTICES))),
     };
-    let positions: Vec<_> = poses.iter().map(|pose| pose.positions.clone()).collect();
+    let positions: Vec<_> = poses.iter().map(|pose| (pose.name(), pose.positions.clone())).collect();
     let asked = Asked { good_below, vertices: most, samples, keeps_vertices };
     let check = pose_check(subject, &positions, &lights, asked, console)?;
     for (pose, error) in poses.iter().zip(&check.poses) {

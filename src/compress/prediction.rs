@@ -6,7 +6,7 @@
 use std::ops::Range;
 
 use crate::geometry::scattered::{Kriging, OrientedPoint, Weights, choose};
-use crate::math::parallel::*;
+use crate::parallel::*;
 
 /// Number of sources that a point is predicted from.
 const SOURCES: usize = 12;

@@ -9,9 +9,9 @@ use translux_format::rows::{self, FACES, IrradianceRows};
 use super::row_blocks;
 use crate::error::{Error, Result};
 use crate::light::cube_light::CubeLight;
-use crate::math::parallel::*;
 use crate::math::slices::cut;
 use crate::medium::entrance_basis::{EntranceBasis, MOST_TERMS};
+use crate::parallel::*;
 
 /// Irradiance rows that can be multiplied with a light.
 #[derive(Clone, Debug, PartialEq)]

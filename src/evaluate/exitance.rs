@@ -8,7 +8,7 @@
 use glam::DVec3;
 
 use crate::geometry::mesh::Mesh;
-use crate::math::parallel::*;
+use crate::parallel::*;
 use crate::progress::Progress;
 
 /// A point of a triangle mesh.

@@ -7,7 +7,7 @@ use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
-use crate::math::parallel::*;
+use crate::parallel::*;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::receivers::ProbePoints;

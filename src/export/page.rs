@@ -22,7 +22,7 @@ use crate::light::quantised::directions::DirectionSet;
 use crate::light::quantised::interpolation::{Interpolator, Scheme};
 use crate::math::cholesky::Cholesky;
 use crate::math::leading::leading_eigen;
-use crate::math::parallel::*;
+use crate::parallel::*;
 use crate::progress::{Progress, Silent};
 use crate::render::normals::ShadingNormals;
 use crate::scene::Scene;

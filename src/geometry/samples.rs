@@ -156,7 +156,7 @@ struct Subdivision {
 impl Subdivision {
     /// Clusters of every part down to single triangles.
     fn new(mesh: &Mesh, parts: &PartTable) -> Self {
-        use crate::math::parallel::*;
+        use crate::parallel::*;
         let triangles: Vec<Triangle> = (0..mesh.triangles.len() as u32)
             .into_par_iter()
             .map(|t| {
@@ -339,7 +339,7 @@ pub struct Patch {
 
 /// Centroid, area, radius and normal of every patch.
 pub fn patches(mesh: &Mesh, samples: &Samples) -> Vec<Patch> {
-    use crate::math::parallel::*;
+    use crate::parallel::*;
     (0..samples.len()).into_par_iter().map(|i| measure(mesh, samples.patch(i))).collect()
 }
 
@@ -381,7 +381,7 @@ pub struct Spacing {
 
 /// Measures the spacing of patches on a regular subset of at most `probes` of them.
 pub fn spacing(patches: &[Patch], probes: usize) -> Spacing {
-    use crate::math::parallel::*;
+    use crate::parallel::*;
     let n = patches.len().max(1) as f64;
     let mean_area = patches.iter().map(|p| p.area_mm2).sum::<f64>() / n;
     let area_variance = patches.iter().map(|p| (p.area_mm2 - mean_area).powi(2)).sum::<f64>() / n;

@@ -13,9 +13,9 @@ use std::hash::{BuildHasherDefault, Hasher};
 use glam::DVec3;
 use rayon::slice::ParallelSliceMut;
 
-use crate::math::parallel::*;
 use crate::math::random::bits;
 use crate::math::simd::{InstructionSet, multiversion};
+use crate::parallel::*;
 
 /// A point on a surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -9,7 +9,7 @@ use super::environment::{EnvironmentMap, Rotation};
 use crate::error::{Error, Result};
 use crate::math::cube_map::{FACES, solid_angles_sr, texel_of};
 use crate::math::haar::Haar;
-use crate::math::parallel::*;
+use crate::parallel::*;
 
 /// Pieces of a pixel are at most this fraction of a texel wide.
 const PIECES_PER_TEXEL: usize = 16;

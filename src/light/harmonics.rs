@@ -11,8 +11,8 @@ use super::Light;
 use super::environment::EnvironmentMap;
 use super::quantised::vector::distant;
 use crate::error::{Error, Result};
-use crate::math::parallel::*;
 use crate::math::sh::real_sh;
+use crate::parallel::*;
 
 /// Pieces of light that are summed together.
 const CHUNK: usize = 512;

@@ -20,7 +20,7 @@ pub use super::validate::POINTS;
 
 use super::rectangle_map::{RectangleMaps, Seen, UnitRectangle};
 use crate::error::{Error, Result};
-use crate::math::parallel::*;
+use crate::parallel::*;
 
 /// Share of the sum of the squares of a map's coefficients that is dropped, the smallest first.
 const DROPPED: f64 = 1e-4;

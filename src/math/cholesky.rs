@@ -1,8 +1,8 @@
 //! Cholesky factors of a dense matrix, with the same bits on any number of threads.
 
-use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, multiversion};
 use crate::math::svd::dot;
+use crate::parallel::*;
 
 /// The lower triangular factor L of A = L L^T.
 pub(crate) struct Cholesky {

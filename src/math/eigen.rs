@@ -5,9 +5,9 @@
 //! matrix: each block stays in the nearest caches and waits for no other. Every sum has a fixed order.
 
 use crate::error::{Error, Result};
-use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, multiversion};
 use crate::math::svd::{dot, with_sign};
+use crate::parallel::*;
 
 /// Largest order that is accepted.
 pub const MOST_ORDER: usize = 4096;

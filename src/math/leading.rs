@@ -10,7 +10,7 @@ use super::simd::{InstructionSet, multiversion};
 use super::sparse::blocks::{self, Row, Small, WIDTH};
 use super::svd::with_sign;
 use crate::error::Result;
-use crate::math::parallel::*;
+use crate::parallel::*;
 
 /// Orders up to which all pairs are found, and the share of the order above which that is faster.
 const SMALL: usize = 192;

@@ -7,7 +7,6 @@ pub mod haar;
 pub mod leading;
 pub mod machine;
 pub mod nnls;
-pub mod parallel;
 pub mod quadrature;
 pub mod random;
 pub mod sh;

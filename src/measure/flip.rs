@@ -22,7 +22,7 @@ use glam::DVec3;
 use serde::Serialize;
 
 use crate::error::{Error, Result};
-use crate::math::parallel::*;
+use crate::parallel::*;
 use colour::{Colours, luminance, tone_curve_inverse, tone_mapped};
 use filters::{Filters, Plane};
 

@@ -6,7 +6,7 @@ use super::camera::{Camera, Resolution};
 use crate::evaluate::Evaluator;
 use crate::evaluate::exitance::MeshPoint;
 use crate::geometry::bvh::{Bvh, Ray};
-use crate::math::parallel::*;
+use crate::parallel::*;
 use crate::scene::Scene;
 
 /// The point of the mesh that the ray through the middle of a pixel meets first, by column and row from the top left; none beside the mesh.

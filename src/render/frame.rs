@@ -11,7 +11,7 @@ use super::single::{Scattered, Single};
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::light::Light;
-use crate::math::parallel::*;
+use crate::parallel::*;
 use crate::progress::Progress;
 
 /// Source of the single scattering in a picture.

@@ -10,7 +10,7 @@ use glam::{DVec3, Vec4};
 
 use crate::light::environment::EnvironmentMap;
 use crate::math::cube_map::{FACES, FRAMES, centre, position_of, texel_of};
-use crate::math::parallel::*;
+use crate::parallel::*;
 
 /// Largest number of texels along an edge of a face, a third of a degree each.
 const MAX_SIDE: usize = 256;

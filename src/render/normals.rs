@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use crate::geometry::mesh::Mesh;
-use crate::math::parallel::*;
+use crate::parallel::*;
 use crate::scene::Scene;
 
 /// Cosine of the crease angle: an edge between triangles whose normals differ by more than 60 degrees stays sharp.

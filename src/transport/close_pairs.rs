@@ -6,7 +6,7 @@ use super::receivers::Receivers;
 use super::surface::Surface;
 use crate::geometry::cluster::Run;
 use crate::geometry::samples::Patch;
-use crate::math::parallel::*;
+use crate::parallel::*;
 
 /// For each group of neighbouring points, the sources within reach of some of them.
 #[derive(Clone, Debug, Default)]

@@ -4,9 +4,9 @@ use glam::DVec3;
 
 use crate::light::harmonics::to_harmonics;
 use crate::math::cube_map::{FACES, direction, solid_angles_sr, texel_of};
-use crate::math::parallel::*;
 use crate::math::sh::real_sh;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion};
+use crate::parallel::*;
 
 /// Rows that are multiplied together: as many as keep their sums in the 16 registers of AVX2.
 const BATCH: usize = 6;

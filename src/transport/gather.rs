@@ -18,9 +18,9 @@ use super::sample_light::SampleLight;
 use super::surface::Surface;
 use super::tree::{Cluster, SampleTree, Visit};
 use crate::geometry::samples;
-use crate::math::parallel::*;
 use crate::math::simd::InstructionSet;
 use crate::medium::material::Medium;
+use crate::parallel::*;
 use crate::progress::Progress;
 
 /// Organisation of the sum over samples.

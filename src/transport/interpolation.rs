@@ -3,8 +3,8 @@
 //! values at many points, weighted, are summed at the few that interpolate them.
 
 use crate::geometry::scattered::Weights;
-use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, multiversion};
+use crate::parallel::*;
 
 /// Targets of a run.
 pub const LANES: usize = 16;

@@ -18,10 +18,10 @@ use super::irradiance::{around, direction_key};
 use super::surface::Surface;
 use crate::geometry::bvh::{Hit, Ray, offset_origin};
 use crate::geometry::samples::{Facet, area};
-use crate::math::parallel::*;
 use crate::math::random::{bits, radical_inverse_2};
 use crate::math::simd::{InstructionSet, multiversion};
 use crate::medium::fresnel::{CosineTransmittance, transmittance};
+use crate::parallel::*;
 use crate::progress::{Progress, in_tasks};
 use crate::transport::domain::Domain;
 

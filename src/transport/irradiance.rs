@@ -18,9 +18,9 @@ use crate::error::{Error, Result};
 use crate::geometry::bvh::{Bvh, Ray};
 use crate::light::strata::{Candidate, StrataSettings};
 use crate::light::{Light, refuse_fields};
-use crate::math::parallel::*;
 use crate::math::random::{bits, radical_inverse_2, uniform};
 use crate::medium::fresnel::{self, CosineTransmittance};
+use crate::parallel::*;
 use crate::progress::Progress;
 
 pub use self::sharp::{Pieces, Uneven};

@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 
-use crate::math::parallel::*;
+use crate::parallel::*;
 
 /// Irradiance farther than this share of the brightest from every multiple of a colour is of another one.
 const SAME_COLOUR: f64 = 1e-10;

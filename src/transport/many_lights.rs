@@ -10,9 +10,9 @@ use glam::DVec3;
 use super::gather::{Criterion, Gather, Scheme, Source};
 use super::receivers::{Group, ProbePoints, Receivers};
 use super::tree::SampleTree;
-use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 use crate::math::statistics::VertexError;
+use crate::parallel::*;
 use crate::progress::Progress;
 
 /// Irradiance of every sample under each of some lights; for a scene of one index of refraction, white lights.

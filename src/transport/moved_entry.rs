@@ -33,7 +33,7 @@ use crate::error::Result;
 use crate::light::Light;
 use crate::light::harmonics::coefficients;
 use crate::light::suns::apart;
-use crate::math::parallel::*;
+use crate::parallel::*;
 use crate::progress::Progress;
 
 /// True for light that comes from one direction at each point, or nearly so; that of skies is moved as a whole.

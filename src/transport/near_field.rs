@@ -18,10 +18,10 @@ use super::sample_light::SampleLight;
 use super::surface::Surface;
 use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::{self, Patch, Samples};
-use crate::math::parallel::*;
 use crate::math::simd::InstructionSet;
 use crate::medium::dipole::Dipole;
 use crate::medium::softened::Softened;
+use crate::parallel::*;
 use crate::progress::Progress;
 
 /// Kernels of one medium.

@@ -21,8 +21,8 @@ use super::near_field::Corners;
 use super::near_rule::NearField;
 use super::receivers::{Group, Receivers};
 use super::surface::Surface;
-use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion, prefetch};
+use crate::parallel::*;
 use crate::progress::Progress;
 
 /// Receivers side by side.

@@ -8,9 +8,9 @@ use super::kernel::Receiver;
 use crate::geometry::cluster::{self, Run};
 use crate::geometry::mesh::Mesh;
 use crate::geometry::part_table::PartTable;
-use crate::math::parallel::*;
 use crate::math::slices::cut;
 use crate::math::statistics::{VertexError, vertex_error_of_some};
+use crate::parallel::*;
 
 /// Points that gather flux, grouped by part and place.
 #[derive(Clone, Debug, Default)]

@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::balanced_tree::power_of_two_near;
 use super::irradiance::Pieces;
 use crate::geometry::samples::Patch;
-use crate::math::parallel::*;
+use crate::parallel::*;
 
 /// Irradiance of every sample, RGB, and of the pieces of those that are not lit evenly, brought into the range of single precision.
 ///

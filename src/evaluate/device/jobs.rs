@@ -166,7 +166,7 @@ pub fn shards(
     entries: &[Entries],
     effort: &Effort,
 ) -> Result<Vec<Shard>> {
-    use crate::math::parallel::*;
+    use crate::parallel::*;
     let most = if device.is_software() { MOST_TURNS_OF_SOFTWARE } else { MOST_TURNS_OF_HARDWARE };
     let cuts: Vec<Vec<Range<usize>>> = receivers
         .groups

@@ -12,8 +12,8 @@ use crate::geometry::samples::Samples;
 use crate::light::Light;
 use crate::light::rectangle_map::UnitRectangle;
 use crate::light::source_field::SourceField;
-use crate::math::parallel::*;
 use crate::medium::entrance_basis::MOST_TERMS;
+use crate::parallel::*;
 use crate::transport::domain::Domain;
 use crate::transport::visibility::Observer;
 

@@ -9,7 +9,7 @@ use super::sources::FarRadiosity;
 use super::subset::{OfFunctions, Projected, Subset};
 use crate::compress::blocks;
 use crate::light::Light;
-use crate::math::parallel::*;
+use crate::parallel::*;
 use crate::transport::balanced_tree::LightDetails;
 use crate::transport::far_field::{FarTransport, LANES, Precision, Rows};
 use crate::transport::receivers::Group;

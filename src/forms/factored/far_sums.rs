@@ -4,8 +4,8 @@
 use glam::DVec3;
 use translux_format::far_field::{FarField, LANES, over_lanes};
 
-use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion};
+use crate::parallel::*;
 use crate::transport::balanced_tree::LightDetails;
 use crate::transport::interpolation::SharedWeights;
 use crate::transport::light_range::CommonColour;

@@ -8,7 +8,7 @@ use super::ordered_samples::Work;
 use super::points::{FarPoints, Row};
 use super::sources::FarRadiosity;
 use super::subset::{Projected, Subset};
-use crate::math::parallel::*;
+use crate::parallel::*;
 use crate::transport::far_field::LANES;
 use crate::transport::receivers::{Group, ProbePoints};
 

@@ -3,9 +3,9 @@
 use glam::DVec3;
 
 use crate::geometry::samples::{Patch, Samples};
-use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, multiversion};
 use crate::medium::profile_basis::Table;
+use crate::parallel::*;
 use crate::transport::far_field::TERMS;
 use crate::transport::receivers::Receivers;
 

@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::points::Points;
 use super::settings::Weights;
 use crate::geometry::cluster::{groups, partition};
-use crate::math::parallel::*;
+use crate::parallel::*;
 
 /// Vertices of a leaf.
 const LEAF: usize = 8;

@@ -11,10 +11,10 @@ use crate::light::cone::ConeFalloff;
 use crate::light::harmonics::{coefficients, to_harmonics};
 use crate::light::suns::apart;
 use crate::light::{Light, refuse_fields};
-use crate::math::parallel::*;
 use crate::math::quadrature::{gauss_legendre, gauss_legendre_cached};
 use crate::math::sh::real_sh;
 use crate::medium::fresnel;
+use crate::parallel::*;
 
 /// Cells along an edge of an area light.
 const SIDE: usize = 4;

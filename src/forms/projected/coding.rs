@@ -9,8 +9,8 @@ use crate::error::Result;
 use crate::evaluate::form::write_error;
 use crate::math::eigen::{Eigen, symmetric_eigen};
 use crate::math::leading::{Leading, leading_eigen};
-use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, multiversion};
+use crate::parallel::*;
 
 /// Shares of the squared error for functions that are left out, and for the rounding of those that are kept.
 const OMITTED: f64 = 0.4;

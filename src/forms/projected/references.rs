@@ -10,8 +10,8 @@ use crate::compress::prediction::Net;
 use crate::error::{Error, Result};
 use crate::forms::sampled_scene::{SampledScene, parts};
 use crate::geometry::scattered::{Kriging, OrientedPoint, Weights};
-use crate::math::parallel::*;
 use crate::math::statistics::VertexError;
+use crate::parallel::*;
 use crate::transport::receivers::Receivers;
 
 /// Reference points that a vertex is interpolated from.

@@ -8,8 +8,8 @@ use crate::forms::baked_in::Stored;
 use crate::forms::distant::far_away;
 use crate::light::Light;
 use crate::light::cube_light::{CubeLight, Transform};
-use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, multiversion};
+use crate::parallel::*;
 use crate::transport::balanced_tree::power_of_two_near;
 use crate::transport::receivers::Receivers;
 

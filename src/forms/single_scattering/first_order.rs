@@ -9,8 +9,8 @@ use crate::evaluate::single_scattering::{LitScene, Scattering, Traced};
 use crate::forms::baked_in::Single;
 use crate::forms::sampled_scene::SampledScene;
 use crate::light::Light;
-use crate::math::parallel::*;
 use crate::medium::profile::Orders;
+use crate::parallel::*;
 use crate::progress::Progress;
 use crate::transport::single_scattering::ExitPoint;
 

@@ -11,7 +11,7 @@ use crate::error::Result;
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::Samples;
 use crate::light::{Light, LightKind};
-use crate::math::parallel::*;
+use crate::parallel::*;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::irradiance::{Illumination, LightSampling, SurfacePoint};

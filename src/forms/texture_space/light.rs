@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::map::{Node, Patch, TexelMap};
-use crate::math::parallel::*;
+use crate::parallel::*;
 use crate::transport::sample_light::SampleLight;
 
 /// Light that arrives in a texel or in a node of the hierarchy.

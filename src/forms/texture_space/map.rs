@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::geometry::atlas::texels::{Texel, Texels};
 use crate::geometry::atlas::{Atlas, Outline};
 use crate::geometry::cluster;
-use crate::math::parallel::*;
+use crate::parallel::*;
 use crate::scene::Scene;
 use crate::transport::irradiance::SurfacePoint;
 

@@ -10,8 +10,8 @@ use crate::error::{Error, Result};
 use crate::geometry::bvh::{Bvh, Ray};
 use crate::light::Light;
 use crate::light::cone::ConeFalloff;
-use crate::math::parallel::*;
 use crate::medium::fresnel;
+use crate::parallel::*;
 use crate::scene::Scene;
 use crate::transport::receivers::Receivers;
 

@@ -3,7 +3,7 @@
 use glam::DVec2;
 use rayon::slice::ParallelSliceMut;
 
-use crate::math::parallel::*;
+use crate::parallel::*;
 
 /// Texture coordinates of a triangle's corners in 1/65535.
 pub(super) type Codes = [[u16; 2]; 3];

@@ -5,7 +5,7 @@ use glam::{DVec2, DVec3};
 use super::measure::squared_stretch;
 use super::unwrap::{Charts, NONE};
 use crate::geometry::mesh::Mesh;
-use crate::math::parallel::*;
+use crate::parallel::*;
 
 /// Most iterations of a linear solver: charts are small, and start from a map that is nearly right.
 const MOST_ITERATIONS: usize = 2000;

@@ -5,7 +5,7 @@ use rayon::slice::ParallelSliceMut;
 
 use super::cut::{self, Codes};
 use crate::geometry::mesh::Mesh;
-use crate::math::parallel::*;
+use crate::parallel::*;
 
 /// Texels of a side of the grid on which coverage is measured.
 const RESOLUTION: u32 = 2048;

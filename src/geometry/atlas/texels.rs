@@ -9,7 +9,7 @@ use super::cut::{self, Codes, Piece};
 use crate::error::{Error, Result};
 use crate::geometry::mesh::Mesh;
 use crate::geometry::part_table::PartTable;
-use crate::math::parallel::*;
+use crate::parallel::*;
 
 /// The piece of a triangle in a texel.
 #[derive(Clone, Copy, Debug, PartialEq)]

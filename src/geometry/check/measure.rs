@@ -6,8 +6,8 @@ use serde::Serialize;
 use crate::geometry::buckets::Buckets;
 use crate::geometry::mesh::{Mesh, simple_chains};
 use crate::geometry::parts::{Analysis, ComponentTree, DisjointSets, Part, Parts, Role, is_slit};
-use crate::math::parallel::*;
 use crate::math::random::uniform;
+use crate::parallel::*;
 
 /// A part is thin where a straight way inwards leaves it within this many mean free paths: diffusion, which assumes
 /// many scattering events between two surfaces, is inaccurate there.

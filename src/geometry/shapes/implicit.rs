@@ -3,7 +3,7 @@
 use glam::{DVec3, IVec3};
 
 use crate::geometry::source::SourceModel;
-use crate::math::parallel::*;
+use crate::parallel::*;
 
 /// Grid that an implicit function is sampled on.
 pub(super) struct Grid {

@@ -5,10 +5,10 @@ use glam::DVec3;
 use super::directions::DirectionSet;
 use crate::error::{Error, Result};
 use crate::math::cholesky::Cholesky;
-use crate::math::parallel::*;
 use crate::math::sh::real_sh;
 use crate::math::sphere::unit;
 use crate::math::svd::dot;
+use crate::parallel::*;
 
 /// Interpolation scheme of values between the directions of a set. All reproduce constants.
 ///

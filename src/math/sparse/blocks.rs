@@ -2,8 +2,8 @@
 //! instruction sets give the same bits.
 
 use super::ROWS;
-use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, multiversion};
+use crate::parallel::*;
 
 /// Number of vectors in a block.
 pub(in crate::math) const WIDTH: usize = 8;

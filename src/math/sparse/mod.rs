@@ -7,7 +7,7 @@ pub mod factorisation;
 pub mod multigrid;
 pub mod resolvent;
 
-use crate::math::parallel::*;
+use crate::parallel::*;
 
 /// Rows of one task. Sums over all rows add the sums of such runs in their order.
 pub(crate) const ROWS: usize = 4096;

@@ -7,7 +7,7 @@
 
 use super::multigrid::Grids;
 use super::{ROWS, Row, SymmetricMatrix, TOGETHER, for_rows, sum_over_rows};
-use crate::math::parallel::*;
+use crate::parallel::*;
 
 /// Iterations at most; the values then reached are the answer, and its residual tells.
 const MOST: usize = 2_000;

@@ -170,14 +170,14 @@ pub fn default_lights(evaluator: &mut dyn Evaluator, refused: &mut Vec<String>) 
     Ok(kept)
 }
 
-/// Measures poses of an asset's object.
+/// Measures poses of an asset's object, each with its name for messages.
 ///
 /// # Errors
 /// `Unsupported`: an asset with light between surfaces outside; lights that the asset does not carry; command line: lights that leave a
 /// pose black; failures of the work.
 pub fn pose_check(
     subject: Subject,
-    poses: &[Positions],
+    poses: &[(String, Positions)],
     lights: &[Lighting],
     asked: Asked,
     progress: &dyn Progress,
@@ -200,7 +200,7 @@ pub fn pose_check(
     let all = welded_vertices(&scene.mesh, |t| scene.parts.transfers(t));
     let chosen = spread(&all, asked.vertices);
     let in_pose = |positions: &Positions| scene.mesh.in_pose(positions);
-    let reach = poses.iter().map(|p| in_pose(p).diagonal_mm()).fold(scene.mesh.diagonal_mm(), f64::max);
+    let reach = poses.iter().map(|(_, p)| in_pose(p).diagonal_mm()).fold(scene.mesh.diagonal_mm(), f64::max);
     let object = Object {
         asset,
         media: scene.media.clone(),
@@ -226,8 +226,8 @@ pub fn pose_check(
         progress.advance(1);
     }
     let mut measured = Vec::with_capacity(poses.len());
-    for (index, positions) in poses.iter().enumerate() {
-        let place = |e: Error| e.at(format!("pose {index}"));
+    for (name, positions) in poses {
+        let place = |e: Error| e.at(name);
         let pose = Shape::new(&object, in_pose(positions), &Silent).map_err(place)?;
         let transfers = |t: u32| scene.parts.transfers(t);
         let deformation = Deformation::new(&scene.mesh, &pose.scene.mesh, transfers).map_err(place)?;
@@ -235,7 +235,7 @@ pub fn pose_check(
         for (lighting, known) in lights.iter().zip(&known) {
             let entered: Entered = pose.entered(&lighting.lights)?;
             let exact = pose.radiosity(&entered, &Silent);
-            check_lit(&exact, &pose.areas_mm2, &format!("pose {index}"), lighting)?;
+            check_lit(&exact, &pose.areas_mm2, name, lighting)?;
             let carried = rest.radiosity(&rest.carried(&entered, &pose), &Silent);
             found.enter(known, [&exact, &carried], &pose.areas_mm2, asked.keeps_vertices);
             progress.advance(1);

@@ -51,7 +51,8 @@ fn check(asset: &Asset, poses: &[Positions], lights: &[Light], asked: Asked) -> 
     let subject = Subject { evaluator: evaluator.as_mut(), asset, profile: None, admit: &|_| Ok(()) };
     let lights: Vec<Lighting> =
         lights.iter().map(|light| Lighting { name: light.to_string(), lights: vec![light.clone()] }).collect();
-    pose_check(subject, poses, &lights, asked, &Silent)
+    let named: Vec<_> = poses.iter().enumerate().map(|(index, pose)| (format!("pose {index}"), pose.clone())).collect();
+    pose_check(subject, &named, &lights, asked, &Silent)
 }
 
 fn sun() -> Light {

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use crate::geometry::bvh::{Bvh, Ray, offset_along};
-use crate::math::parallel::*;
+use crate::parallel::*;
 use crate::scene::Scene;
 use crate::transport::single_scattering::{ExitPoint, vertex_points};
 

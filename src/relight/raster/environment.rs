@@ -6,8 +6,8 @@ use std::f64::consts::{FRAC_1_PI, PI, TAU};
 use glam::DVec3;
 
 use crate::light::environment::{EnvironmentMap, direction_of};
-use crate::math::parallel::*;
 use crate::math::random::radical_inverse_2;
+use crate::parallel::*;
 use crate::render::blinn_phong;
 use crate::render::frame::Specular;
 use crate::render::highlight::HighlightShape;

@@ -5,7 +5,7 @@ use glam::{DVec3, Vec3};
 
 use crate::geometry::bvh::{Bvh, NO_TRIANGLE, Ray, offset_origin};
 use crate::light::Light;
-use crate::math::parallel::*;
+use crate::parallel::*;
 use crate::render::normals::welded_normals_mm2;
 use crate::scene::Scene;
 

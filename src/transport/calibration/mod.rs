@@ -42,11 +42,11 @@ use crate::error::{Error, Result};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::part_table::PartEntry;
 use crate::geometry::samples::{self, Facet, Samples};
-use crate::math::parallel::*;
 use crate::math::random::mix;
 use crate::medium::fresnel::{BoundaryFit, CosineTransmittance};
 use crate::medium::material::Medium;
 use crate::medium::profile::{Orders, Profile};
+use crate::parallel::*;
 use crate::progress::{Progress, Silent};
 
 /// Settings of a calibration.

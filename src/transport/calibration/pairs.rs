@@ -7,9 +7,9 @@ use glam::DVec3;
 use super::body::{Body, SurfacePoint, distance_and_heights};
 use super::layers::{SUPPORT, Splines};
 use crate::geometry::bvh::Ray;
-use crate::math::parallel::*;
 use crate::math::random::mix;
 use crate::medium::profile::Profile;
+use crate::parallel::*;
 use crate::transport::random_walk::walk::Stream;
 
 /// Points that pairs are formed around, and points of the body that each forms pairs with.

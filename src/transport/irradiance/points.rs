@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::sharp::{Focus, Sharp, graded, pieces};
 use super::{Bundle, Illumination, MOST, PROBE_REACH, PROBE_WEIGHTS, SurfacePoint};
 use crate::geometry::samples::{Facet, Patch, area};
-use crate::math::parallel::*;
+use crate::parallel::*;
 use crate::progress::Progress;
 
 /// Points that are lit together.

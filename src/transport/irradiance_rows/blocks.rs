@@ -27,7 +27,7 @@ use crate::compress::row_blocks;
 use crate::compress::rows::Rows;
 use crate::error::Result;
 use crate::math::cube_map::FACES;
-use crate::math::parallel::*;
+use crate::parallel::*;
 use crate::progress::Progress;
 use crate::transport::visibility::{Observer, visit};
 

@@ -4,9 +4,9 @@
 use std::ops::Range;
 
 use crate::math::cube_map::{FACES, FRAMES, centre};
-use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, multiversion};
 use crate::medium::entrance_basis::{DEGREE, polynomial};
+use crate::parallel::*;
 use crate::progress::Progress;
 use crate::transport::cube_harmonics::{CubeHarmonics, Product};
 use crate::transport::many_lights::IrradianceRows;

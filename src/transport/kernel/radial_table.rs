@@ -11,11 +11,11 @@ use super::{
     Block, EdgePrecision, EdgeRule, GAUSS_8, GAUSS_12, GAUSS_24, LANES, PointSource, Radial, RadialIntegral, Row,
     RowValues, SeenTriangle, edge_rule, points_body,
 };
-use crate::math::parallel::*;
 use crate::math::quadrature::{gauss_legendre_cached, integrate_with};
 use crate::math::simd::{InstructionSet, multiversion};
 use crate::medium::profile::Profile;
 use crate::medium::softened::Softened;
+use crate::parallel::*;
 
 /// Bits of a mantissa within a segment of most tables, and of a [`SmoothTable`].
 pub(crate) const SHIFT: u32 = 23 - 6;

@@ -5,7 +5,7 @@ use glam::{DVec3, Vec3};
 
 use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::{self, Patch, Samples};
-use crate::math::parallel::*;
+use crate::parallel::*;
 use crate::transport::kernel::radial_table::{LinearTable, Rgb};
 use crate::transport::near_rule::{NearRule, PIECE_IS_POINT, THREE_BEYOND, THREE_POINTS, near_square};
 use crate::transport::sample_light::SampleLight;

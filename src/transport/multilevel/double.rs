@@ -10,11 +10,11 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::{Multilevel, Net, NetKernel, Resolution};
-use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 use crate::math::slices::cut;
 use crate::medium::profile::Profile;
 use crate::medium::softened::Softened;
+use crate::parallel::*;
 use crate::transport::kernel::radial_table::{Rgb, SmoothTable, WIDEST};
 use crate::transport::kernel::{FLUSH, LANES, squares};
 

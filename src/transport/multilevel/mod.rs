@@ -26,11 +26,11 @@ use super::kernel::radial_table::{Rgb, SmoothTable, WIDEST};
 use super::kernel::{FLUSH, LANES, Radial, squares};
 use crate::geometry::cluster::{self, Run};
 use crate::geometry::scattered::{Kriging, OrientedPoint, Weights, choose_from};
-use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 use crate::math::slices::cut;
 use crate::medium::profile::Profile;
 use crate::medium::softened::Softened;
+use crate::parallel::*;
 
 /// Resolution of a kernel by nets.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -10,9 +10,9 @@ use glam::{DVec3, Vec3};
 
 use super::compact::{Close, Compact, Facets, Shine};
 use crate::geometry::cluster::Run;
-use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 use crate::math::slices::cut;
+use crate::parallel::*;
 use crate::transport::close_pairs::ClosePairs;
 use crate::transport::kernel::radial_table::{LinearTable, Rgb, add_product};
 use crate::transport::kernel::{Block, PointSource, Receiver, squares};

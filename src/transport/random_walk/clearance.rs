@@ -7,7 +7,7 @@
 use glam::{DVec3, UVec3};
 
 use crate::geometry::samples::bisect;
-use crate::math::parallel::*;
+use crate::parallel::*;
 
 /// A lower bound of the distance of a point to the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -9,8 +9,8 @@ use super::walk::{End, Start, Stream, WalkMedium, walk};
 use crate::error::{Error, ExitCode, Result};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
-use crate::math::parallel::*;
 use crate::math::statistics::units_of;
+use crate::parallel::*;
 use crate::progress::{Progress, Silent};
 use crate::transport::domain::Domain;
 

@@ -5,8 +5,8 @@ use crate::forms::projected::lights::{Seen, irradiance_of_seen, neighbours, para
 use crate::forms::sampled_scene::SampledScene;
 use crate::light::Light;
 use crate::light::harmonics::coefficients;
-use crate::math::parallel::*;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion};
+use crate::parallel::*;
 use crate::progress::Progress;
 use crate::transport::irradiance_rows::texels::TexelBaker;
 use crate::transport::many_lights::IrradianceRows;

@@ -16,7 +16,7 @@ use crate::forms::projected::components::{Coded, Components, LightBasis, LightFu
 use crate::forms::sampled_scene::GROUP;
 use crate::light::Light;
 use crate::light::quantised::vector::Emission;
-use crate::math::parallel::*;
+use crate::parallel::*;
 use crate::scene::Scene;
 use crate::transport::receivers::Receivers;
 

@@ -218,17 +218,36 @@ impl<S: Source, C: Change<S>, T, F: Fn(C::Item) -> T + Sync> Change<S> for Map<C
     }
 }
 
-/// One value of each item, with a state that the items of a piece share.
-pub struct MapInit<C, I, F>(C, I, F);
+/// One value of each item, with a state that items share.
+pub struct MapInit<M, C, I, F> {
+    change: C,
+    init: I,
+    f: F,
+    /// States that no piece has at the moment.
+    free: Mutex<Vec<M>>,
+}
 
-impl<S: Source, C: Change<S>, M, I: Fn() -> M + Sync, T, F: Fn(&mut M, C::Item) -> T + Sync> Change<S>
-    for MapInit<C, I, F>
+/// A state that goes back when a piece is done.
+struct Lent<'a, M> {
+    state: Option<M>,
+    free: &'a Mutex<Vec<M>>,
+}
+
+impl<M> Drop for Lent<'_, M> {
+    fn drop(&mut self) {
+        self.free.lock().unwrap_or_else(PoisonError::into_inner).extend(self.state.take());
+    }
+}
+
+impl<S: Source, M: Send, C: Change<S>, I: Fn() -> M + Sync, T, F: Fn(&mut M, C::Item) -> T + Sync> Change<S>
+    for MapInit<M, C, I, F>
 {
     type Item = T;
 
     fn changed(&self, source: S) -> impl Iterator<Item = T> {
-        let mut state = (self.1)();
-        self.0.changed(source).map(move |item| (self.2)(&mut state, item))
+        let state = self.free.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        let mut lent = Lent { state, free: &self.free };
+        self.change.changed(source).map(move |item| (self.f)(lent.state.get_or_insert_with(&self.init), item))
     }
 }
 
@@ -283,13 +302,13 @@ impl<S: Source, C: Change<S>> Parallel<S, C> {
         self.then(|change| Map(change, f))
     }
 
-    /// One value of each item, with a state that is made anew for each piece.
-    pub fn map_init<M, I: Fn() -> M + Sync, T, F: Fn(&mut M, C::Item) -> T + Sync>(
+    /// One value of each item, with a state of the thread's own: memory, of which no result may depend on what other items left.
+    pub fn map_init<M: Send, I: Fn() -> M + Sync, T, F: Fn(&mut M, C::Item) -> T + Sync>(
         self,
         init: I,
         f: F,
-    ) -> Parallel<S, MapInit<C, I, F>> {
-        self.then(|change| MapInit(change, init, f))
+    ) -> Parallel<S, MapInit<M, C, I, F>> {
+        self.then(|change| MapInit { change, init, f, free: Mutex::default() })
     }
 
     /// The values of those items that have one.
@@ -318,12 +337,9 @@ impl<S: Source, C: Change<S>> Parallel<S, C> {
         self.pieces(|change, piece| change.changed(piece).for_each(&f));
     }
 
-    /// Does something with each item, with a state that is made anew for each piece.
-    pub fn for_each_init<M>(self, init: impl Fn() -> M + Sync, f: impl Fn(&mut M, C::Item) + Sync) {
-        self.pieces(|change, piece| {
-            let mut state = init();
-            change.changed(piece).for_each(|item| f(&mut state, item));
-        });
+    /// Does something with each item, with a state of the thread's own, as in [`Self::map_init`].
+    pub fn for_each_init<M: Send>(self, init: impl Fn() -> M + Sync, f: impl Fn(&mut M, C::Item) + Sync) {
+        self.map_init(init, f).for_each(|()| ());
     }
 
     /// Whether `f` holds for all items.
@@ -572,6 +588,8 @@ impl<T> ParallelSlice<T> for [T] {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
     use super::*;
 
     fn on<R: Send>(threads: usize, work: impl Fn() -> R + Sync + Send) -> R {
@@ -614,23 +632,35 @@ mod tests {
     }
 
     #[test]
-    fn states_are_those_of_a_piece_and_pieces_are_at_least_as_long_as_asked() {
+    fn no_more_states_are_made_than_there_are_threads_and_none_serves_two_pieces_at_once() {
+        let made = AtomicUsize::new(0);
         let seen = on(4, || {
-            (0..1000usize)
-                .into_par_iter()
-                .with_min_len(100)
-                .map_init(
-                    || 0,
-                    |before, i| {
-                        *before += 1;
-                        (i, *before)
-                    },
-                )
-                .collect::<Vec<_>>()
+            let init = || (made.fetch_add(1, Ordering::Relaxed), 0);
+            let of = |state: &mut (usize, usize), i: usize| {
+                state.1 += 1;
+                (i, *state)
+            };
+            (0..1000usize).into_par_iter().map_init(init, of).collect::<Vec<_>>()
         });
+        assert!((1..=4).contains(&made.into_inner()));
         assert!(seen.iter().enumerate().all(|(at, (i, _))| at == *i));
-        let starts: Vec<usize> = seen.iter().filter(|(_, before)| *before == 1).map(|(i, _)| *i).collect();
-        assert!(starts.windows(2).all(|pair| pair[1] - pair[0] >= 100) && starts.len() == 10, "{starts:?}");
+        // Each state counts on from item to item.
+        let mut states: Vec<(usize, usize)> = seen.iter().map(|(_, state)| *state).collect();
+        states.sort_unstable();
+        states.dedup();
+        assert_eq!(states.len(), 1000);
+    }
+
+    #[test]
+    fn pieces_are_at_least_as_long_as_asked() {
+        for (least, most) in [(100, 10), (1, 4 * PIECES), (2000, 1)] {
+            let lengths = on(4, || {
+                let loop_ = (0..1000usize).into_par_iter().with_min_len(least);
+                loop_.pieces(|_, piece| piece.len())
+            });
+            assert!(lengths.len() == most && lengths.iter().all(|length| *length >= least.min(1000)), "{lengths:?}");
+            assert_eq!(lengths.iter().sum::<usize>(), 1000);
+        }
     }
 
     #[test]
