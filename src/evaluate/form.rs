@@ -150,7 +150,7 @@ pub trait Form: Serialize + DeserializeOwned + Send + Sync + 'static {
     }
 
     /// Returns whether its evaluators give exitance at any point of the surface
-    /// ([`Evaluator::exitance_at_points`](super::Evaluator::exitance_at_points)).
+    /// ([`Evaluator::exitance_at_points`]).
     fn serves_points(&self) -> bool {
         false
     }
