@@ -36,7 +36,7 @@ macro_rules! source_of_range {
             type Items = Self;
 
             fn count(&self) -> usize {
-                self.end.saturating_sub(self.start) as usize
+                self.size_hint().0
             }
 
             fn split(self, at: usize) -> (Self, Self) {
@@ -620,6 +620,7 @@ mod tests {
                     assert_eq!(numbers.par_iter().copied_max(), numbers.iter().copied().max().unwrap_or(0));
                     assert_eq!(numbers.par_iter().all(|&x| x < count / 2), count == 0);
                     assert_eq!(numbers.par_iter().count(), count as usize);
+                    assert_eq!((3..-3).into_par_iter().map(|x: i32| x).count(), 0);
                 });
             }
         }

@@ -13,7 +13,7 @@ use translux::geometry::source::SourceModel;
 use translux::io::exr::decode_planes;
 use translux::io::png::decode_png;
 
-use crate::common::{Folder, called, obj_text, shared_data};
+use crate::common::{Folder, called, glb, obj_text, shared_data};
 
 const LIGHT: &str = "--light directional:from=1,2,3:irradiance=3,2,1";
 
@@ -43,21 +43,7 @@ impl Glb {
     }
 
     fn bytes(&self) -> Vec<u8> {
-        let mut text = serde_json::to_vec(&self.json).unwrap();
-        text.resize(text.len().next_multiple_of(4), b' ');
-        let length = 28 + text.len() + self.binary.len();
-        let word = |n: usize| (n as u32).to_le_bytes();
-        let parts: [&[u8]; 8] = [
-            b"glTF\x02\0\0\0",
-            &word(length),
-            &word(text.len()),
-            b"JSON",
-            &text,
-            &word(self.binary.len()),
-            b"BIN\0",
-            &self.binary,
-        ];
-        parts.concat()
+        glb(&self.json, &self.binary)
     }
 
     fn list(&self, name: &str) -> &[Value] {

@@ -3,7 +3,7 @@
 
 use serde_json::{Value, json};
 
-use crate::common::Folder;
+use crate::common::{Folder, glb};
 use translux::geometry::shapes;
 
 /// A GLB with spheres of 4 cm in a row, one for each material.
@@ -19,7 +19,7 @@ fn spheres(materials: &Value) -> Vec<u8> {
     let meshes: Vec<Value> = (0..count)
         .map(|i| json!({"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": i}]}))
         .collect();
-    let mut text = json!({
+    let document = json!({
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": (0..count).collect::<Vec<_>>()}],
         "nodes": nodes, "meshes": meshes, "materials": materials,
         "buffers": [{"byteLength": binary.len()}],
@@ -31,18 +31,8 @@ fn spheres(materials: &Value) -> Vec<u8> {
             {"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": positions.len()},
             {"bufferView": 1, "componentType": 5125, "type": "SCALAR", "count": 3 * sphere.triangles.len()},
         ],
-    })
-    .to_string()
-    .into_bytes();
-    text.resize(text.len().next_multiple_of(4), b' ');
-    let mut file = b"glTF\x02\0\0\0".to_vec();
-    file.extend((28 + text.len() as u32 + binary.len() as u32).to_le_bytes());
-    for (kind, bytes) in [(b"JSON", &text), (b"BIN\0", &binary)] {
-        file.extend((bytes.len() as u32).to_le_bytes());
-        file.extend(kind);
-        file.extend(bytes);
-    }
-    file
+    });
+    glb(&document, &binary)
 }
 
 /// What is left of light after 2 mm is a third, and most of the rest comes back.

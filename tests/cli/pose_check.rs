@@ -7,7 +7,7 @@ use translux::geometry::shapes;
 use translux::geometry::source::SourceModel;
 use translux::io::ply::parse_ply;
 
-use crate::common::Folder;
+use crate::common::{Folder, glb};
 
 const SUN: &str = "--light directional:from=1,2,3:irradiance=2";
 
@@ -171,17 +171,7 @@ fn animated(change: impl Fn(&mut Value)) -> Vec<u8> {
         ],
     });
     change(&mut document);
-    let mut text = document.to_string().into_bytes();
-    text.resize(text.len().next_multiple_of(4), b' ');
-    binary.resize(binary.len().next_multiple_of(4), 0);
-    let mut file = b"glTF\x02\0\0\0".to_vec();
-    file.extend((28 + text.len() as u32 + binary.len() as u32).to_le_bytes());
-    for (kind, bytes) in [(b"JSON", &text), (b"BIN\0", &binary)] {
-        file.extend((bytes.len() as u32).to_le_bytes());
-        file.extend(kind);
-        file.extend(bytes);
-    }
-    file
+    glb(&document, &binary)
 }
 
 #[test]

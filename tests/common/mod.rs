@@ -208,3 +208,14 @@ pub fn browse(folder: &Folder, page: &str) -> Option<(String, PngImage)> {
     run(&format!("--screenshot={}", folder.path("page.png").display()));
     Some((text, decode_png(&folder.read("page.png")).unwrap()))
 }
+
+/// A GLB of a document and its binary chunk.
+pub fn glb(document: &Value, binary: &[u8]) -> Vec<u8> {
+    let [mut text, mut binary] = [serde_json::to_vec(document).unwrap(), binary.to_vec()];
+    text.resize(text.len().next_multiple_of(4), b' ');
+    binary.resize(binary.len().next_multiple_of(4), 0);
+    let word = |n: usize| (n as u32).to_le_bytes();
+    let whole = word(28 + text.len() + binary.len());
+    let chunks = [&word(text.len())[..], b"JSON", &text, &word(binary.len()), b"BIN\0", &binary];
+    [b"glTF\x02\0\0\0", &whole[..], &chunks.concat()].concat()
+}
