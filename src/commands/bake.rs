@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use serde::Serialize;
@@ -14,11 +15,13 @@ use super::model::ModelArgs;
 use super::output;
 use super::planning::{self, PlanOptions};
 use super::rebuild::{self, BuildOptions};
+use super::shards::{self, Computed, Merged, ShardOptions};
 use crate::asset::{Asset, Provenance, REQUEST};
 use crate::error::{Error, ExitCode, Result};
-use crate::evaluate::{BakeSettings, Recipe};
+use crate::evaluate::{BakeSettings, Recipe, StageCache};
 use crate::geometry::check::MeshCheck;
 use crate::import::Imported;
+use crate::import::file::Input;
 use crate::io::atomic;
 use crate::medium::inversion::Reflector;
 use crate::plan::{self, Plan, Request};
@@ -49,9 +52,11 @@ pub(super) struct BakeArgs {
     #[command(flatten, next_help_heading = "Model of the light inside")]
     walks: WalkOptions,
     #[command(flatten)]
-    build: BuildOptions,
+    pub(super) build: BuildOptions,
     #[command(flatten)]
     cache: CacheOptions,
+    #[command(flatten)]
+    pub(super) shards: ShardOptions,
     #[command(flatten)]
     pub(super) files: FileOptions,
 }
@@ -107,36 +112,105 @@ fn resolve(args: &BakeArgs, console: &Console) -> Result<What> {
 
 pub(super) fn run(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
     let what = resolve(args, console)?;
-    output::check(std::slice::from_ref(&args.output), &["tlux"], console)?;
+    let suffix = if args.shards.shard.is_some() { shards::SUFFIX } else { "tlux" };
+    output::check(std::slice::from_ref(&args.output), &[suffix], console)?;
     args.plan.check_report(&args.output)?;
     args.build.check(&args.output)?;
     let request = rebuild::request(&args.model, &what.of_method());
+    if args.shards.shard.is_some() {
+        return shard(args, what, &request, console);
+    }
     if args.build.is_current(&args.output, &request, &args.model, console)? {
         return current(args, console);
     }
     let cache = if args.build.dry_run { None } else { args.cache.open()? };
-    let imported = args.model.load(args.inside().reflector(), console)?;
+    let stages = BakeCache::for_stages(&cache);
     if args.build.dry_run {
+        let imported = args.model.load(args.inside().reflector(), console)?;
         return forecast(&what, imported, console);
     }
+    let found = baked(args, what, (&request, stages), console)?;
+    cache.iter().for_each(|cache| cache.tell(console));
+    finish(args, found, console)
+}
+
+/// What came of a bake: the asset, if there is one, the check of its mesh, and the plan, if there was one.
+struct Baked {
+    asset: Option<Asset>,
+    mesh: MeshCheck,
+    plan: Option<Plan>,
+}
+
+/// Reads the model and bakes it.
+fn baked(args: &BakeArgs, what: What, (request, stages): (&str, StageCache), console: &Console) -> Result<Baked> {
+    let imported = args.model.load(args.inside().reflector(), console)?;
     let mesh = imported.check.clone();
-    let stages = BakeCache::for_stages(&cache);
     let (mut asset, plan) = match what {
         What::Named(mut recipe) => {
             recipe.settings.cache = stages;
             (Some(baking::bake(recipe, imported, console)?), None)
         }
         What::Planned(wanted) => {
-            let (plan, asset) = planning::bake(&wanted, imported, (request.clone(), stages), console)?;
+            let (plan, asset) = planning::bake(&wanted, imported, (request.to_owned(), stages), console)?;
             (asset, Some(plan))
         }
     };
-    cache.iter().for_each(|cache| cache.tell(console));
     // A plan's asset has it already, whose size is part of the plan.
     if let Some(asset) = &mut asset {
-        asset.provenance.settings.insert(REQUEST.to_owned(), request);
+        asset.provenance.settings.insert(REQUEST.to_owned(), request.to_owned());
     }
-    finish(args, asset, (mesh, plan), console)
+    Ok(Baked { asset, mesh, plan })
+}
+
+/// Computes the blocks of a shard and writes them.
+fn shard(args: &BakeArgs, what: What, request: &str, console: &Console) -> Result<ExitCode> {
+    match &what {
+        What::Named(recipe) if recipe.form.divides() => {}
+        What::Named(recipe) => {
+            return Err(Error::unsupported(format!(
+                "--shard: a bake of `{}` with these settings has nothing that processes could share",
+                recipe.method
+            )));
+        }
+        What::Planned(_) => {
+            return Err(Error::command_line(
+                "--shard: --method auto bakes, measures and may bake again; name the method that it chose (inspect says which)",
+            ));
+        }
+    }
+    let inputs = rebuild::inputs(&args.model)?;
+    let cache = args.cache.open()?;
+    let Some(computed) = Computed::new(&args.shards, (request, &inputs))? else {
+        return Err(Error::runtime("a bake without shards has none"));
+    };
+    let stages = BakeCache::for_stages(&cache).divided(computed.clone());
+    match baked(args, what, (request, stages), console) {
+        Err(_) if computed.is_done() => {
+            cache.iter().for_each(|cache| cache.tell(console));
+            computed.write(&args.output, &args.shards, (request, &inputs), console)
+        }
+        Err(error) => Err(error),
+        Ok(_) => Err(Error::runtime("the bake ended without the blocks of a shard")),
+    }
+}
+
+/// Bakes with the blocks that shards left; `check` refuses a request and files that are not theirs.
+///
+/// # Errors
+/// Errors of the bake; shards that are of another one.
+pub(super) fn merged(
+    args: &BakeArgs,
+    shards: Arc<Merged>,
+    console: &Console,
+    check: impl FnOnce(&str, &[Input]) -> Result<()>,
+) -> Result<ExitCode> {
+    let what = resolve(args, console)?;
+    let request = rebuild::request(&args.model, &what.of_method());
+    check(&request, &rebuild::inputs(&args.model)?)?;
+    let stages = StageCache::default().divided(shards.clone());
+    let found = baked(args, what, (&request, stages), console)?;
+    shards.check_used()?;
+    finish(args, found, console)
 }
 
 /// What is baked.
@@ -171,12 +245,7 @@ pub(super) struct BakedReport<'a> {
 }
 
 /// Judges an asset, writes it where it is what was asked for, and reports it.
-fn finish(
-    args: &BakeArgs,
-    asset: Option<Asset>,
-    (mesh, plan): (MeshCheck, Option<Plan>),
-    console: &Console,
-) -> Result<ExitCode> {
+fn finish(args: &BakeArgs, Baked { asset, mesh, plan }: Baked, console: &Console) -> Result<ExitCode> {
     let encoded = asset.map(|asset| console.stage("write", || Ok((asset.to_bytes()?, asset)))).transpose()?;
     let mut verdict = plan.as_ref().map_or(Ok(ExitCode::Ok), planning::verdict);
     if let (Some((bytes, asset)), Ok(_)) = (&encoded, &verdict) {

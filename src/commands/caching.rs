@@ -8,7 +8,7 @@ use clap::Args;
 use super::console::{Console, Unitless, parse_size};
 use crate::error::Result;
 use crate::evaluate::StageCache;
-use crate::evaluate::stage_cache::Keep;
+use crate::evaluate::division::Keep;
 use crate::io::cache::Cache;
 
 /// Options of the cache of a bake.

@@ -36,9 +36,13 @@ pub(super) struct FileOptions {
     pub(super) print_config: bool,
 }
 
-/// Returns whether some argument asks for files of options, which then have to be read before the arguments are complete.
+/// Option whose bake keeps its other options in a file.
+pub(super) const KEEPING: &str = "shard";
+
+/// Returns whether some argument asks for options in a file: for some to be read, before the arguments are complete, or to be written.
 pub(super) fn are_wanted(arguments: &[OsString]) -> bool {
-    let is_one = |text: &str| META.iter().any(|name| text.strip_prefix("--").is_some_and(|t| t.starts_with(name)));
+    let all = || META.into_iter().chain([KEEPING]);
+    let is_one = |text: &str| all().any(|name| text.strip_prefix("--").is_some_and(|t| t.starts_with(name)));
     arguments.iter().any(|argument| argument.to_str().is_some_and(is_one))
 }
 
@@ -151,6 +155,14 @@ impl Schema {
     /// Returns whether an option is common to all commands.
     pub(super) fn is_common(&self, key: &str) -> bool {
         self.arg(key).is_some_and(Arg::is_global_set)
+    }
+
+    /// Options without those of some keys, and without those that are common to all commands.
+    pub(super) fn without(&self, options: &Options, keys: &[&str]) -> Options {
+        let stays = |key: &str| !keys.contains(&key) && !self.is_common(key);
+        Options(
+            options.0.iter().filter(|(key, _)| stays(key)).map(|(key, given)| (key.clone(), given.clone())).collect(),
+        )
     }
 
     /// Keys of options that cannot stand beside one.
@@ -274,6 +286,11 @@ pub(super) struct File {
 }
 
 impl File {
+    /// A text that stands in a file.
+    pub(super) fn of(path: &Path, text: String) -> Self {
+        Self { path: path.to_owned(), text }
+    }
+
     /// # Errors
     /// I/O.
     pub(super) fn read(path: &Path) -> Result<Self> {

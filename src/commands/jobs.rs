@@ -9,7 +9,7 @@ use serde_json::Value;
 use toml::de::{DeTable, DeValue};
 
 use super::bake::{self, BakeArgs};
-use super::configuration::{File, INPUT, Options, Schema, parser_message, table};
+use super::configuration::{File, INPUT, KEEPING, Options, Schema, parser_message, table};
 use super::console::Console;
 use super::failures;
 use crate::error::{Error, ExitCode, Result};
@@ -93,6 +93,9 @@ fn jobs(
         let options = schema.over(typed, &schema.over(&own, &defaults));
         let (args, strict) = parse(&options)
             .map_err(|e| file.of_parser(&e, &options).unwrap_or_else(|| file.error(line, parser_message(&e))))?;
+        if options.has(KEEPING) {
+            return Err(file.error(line, "shard: each shard of a bake is a command of its own"));
+        }
         for key in WRITTEN.into_iter().filter(|key| options.has(key)) {
             let path = options.text(key);
             let is_same = |job: &&Job| WRITTEN.iter().any(|key| job.options.text(key) == path);

@@ -37,12 +37,13 @@ mod relight;
 mod render;
 #[cfg(test)]
 mod schemas;
+mod shards;
 mod sheet;
 mod validate;
 mod view;
 
 use std::ffi::OsString;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -69,6 +70,8 @@ struct Cli {
 enum Command {
     /// Precompute a model and write an asset
     Bake(bake::BakeArgs),
+    /// Put the shards of a bake together (`bake --shard`) and write the asset
+    Merge(shards::MergeArgs),
     /// Per-vertex radiosity of an asset under lights, as PLY
     Evaluate(evaluate::EvaluateArgs),
     /// A picture of an asset under lights, as OpenEXR or PNG
@@ -205,10 +208,15 @@ fn read(arguments: Vec<OsString>) -> std::result::Result<Work, Refused> {
         }
         None => (None, typed),
     };
-    let (cli, matches) = parsed(&schema.arguments(&options)).map_err(|error| {
+    let (mut cli, matches) = parsed(&schema.arguments(&options)).map_err(|error| {
         let located = file.as_ref().and_then(|file| file.of_parser(&error, &options));
         located.map_or(Refused::Parser(error), Refused::Other)
     })?;
+    if let Command::Bake(args) = &mut cli.command
+        && args.shards.shard.is_some()
+    {
+        args.shards.options = schema.to_toml(&schema.without(&options, &shards::OF_THE_PROCESS))?;
+    }
     match (file, matches.subcommand()) {
         (file, Some((_, all))) if of_bake.get_flag("print_config") => {
             let text = schema.to_toml(&schema.complete(all))?;
@@ -216,6 +224,26 @@ fn read(arguments: Vec<OsString>) -> std::result::Result<Work, Refused> {
         }
         (Some(file), _) => Ok(Work::Configured(cli, file, options)),
         (None, _) => Ok(Work::Typed(cli)),
+    }
+}
+
+/// The arguments of a bake from options that a file keeps, with another output.
+fn kept_bake(path: &Path, options: String, output: &Path) -> Result<bake::BakeArgs> {
+    let mut open = command();
+    open.build();
+    let Some(bake) = open.find_subcommand("bake") else { return Err(Error::runtime("there is no bake")) };
+    let schema = Schema::new(bake);
+    let file = File::of(path, options);
+    let options = schema.of_table(&file, &file.parse()?, |_| None)?;
+    let mut words = schema.arguments(&options);
+    let mut word = OsString::from("--output=");
+    word.push(output);
+    words.insert(2, word);
+    let matches = command().try_get_matches_from(words);
+    match matches.and_then(|matches| Cli::from_arg_matches(&matches)) {
+        Ok(Cli { command: Command::Bake(args), .. }) => Ok(args),
+        Ok(_) => Err(Error::runtime("the options are not of a bake")),
+        Err(error) => Err(Error::input(configuration::parser_message(&error)).in_file(path)),
     }
 }
 
@@ -262,6 +290,7 @@ fn run_command(cli: Cli, console: &Console, pool: rayon::ThreadPool) -> Result<E
     }
     let done = pool.install(|| match cli.command {
         Command::Bake(args) => bake::run(&args, console),
+        Command::Merge(args) => shards::merge(&args, kept_bake, console),
         Command::Evaluate(args) => evaluate::run(&args, console),
         Command::Render(args) => render::run(&args, console),
         Command::Sheet(args) => sheet::run(&args, console),

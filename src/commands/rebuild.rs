@@ -83,10 +83,14 @@ impl BuildOptions {
         if provenance.settings.get(REQUEST).is_none_or(|of_asset| of_asset != request) {
             return Ok(false);
         }
-        let files = dependencies(&model.model, &model.options(Reflector::default()).materials)?;
-        let inputs = files.iter().map(|file| Input::read(file)).collect::<Result<Vec<_>>>()?;
-        Ok(inputs == provenance.origin.inputs)
+        Ok(inputs(model)? == provenance.origin.inputs)
     }
+}
+
+/// The files that a scene is made from.
+pub(super) fn inputs(model: &ModelArgs) -> Result<Vec<Input>> {
+    let files = dependencies(&model.model, &model.options(Reflector::default()).materials)?;
+    files.iter().map(|file| Input::read(file)).collect()
 }
 
 /// A name as rules have it.

@@ -8,7 +8,7 @@ use schemars::{JsonSchema, Schema};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-use super::{bake, chart, demo, failures, fixtures, jobs, many, meter, relight, sheet};
+use super::{bake, chart, demo, failures, fixtures, jobs, many, meter, relight, shards, sheet};
 use crate::measure::chart::Chart;
 use crate::measure::growth::Growth;
 use crate::plan::Plan;
@@ -105,7 +105,8 @@ fn documents() -> Vec<Document> {
         Document::report("bake")
             .body::<bake::BakedReport<'static>>()
             .body::<bake::CurrentReport<'static>>()
-            .body::<bake::ForecastReport>(),
+            .body::<bake::ForecastReport>()
+            .body::<shards::ShardReport>(),
         Document::report("jobs").body::<jobs::JobsReport>(),
         Document::report("evaluate").body::<EvaluationReport>(),
         Document::report("evaluate-on").body::<OnMeshReport>(),

@@ -160,6 +160,11 @@ pub trait Form: Serialize + DeserializeOwned + Send + Sync + 'static {
         model == Model::Dipole
     }
 
+    /// Returns whether its bake has blocks that several processes can share ([`StageCache::gather`]).
+    fn divides(&self) -> bool {
+        false
+    }
+
     /// The edits that the evaluators of an asset allow in the media that it was baked with, told by which sections there are; none where
     /// only an evaluator knows.
     fn edits(&self, _has: &dyn Fn(Tag) -> bool) -> Option<Capabilities> {
@@ -215,6 +220,9 @@ pub trait AnyForm: Any + Send + Sync {
     /// See [`Form::serves`].
     fn serves(&self, model: Model) -> bool;
 
+    /// See [`Form::divides`].
+    fn divides(&self) -> bool;
+
     /// See [`Form::edits`].
     fn edits(&self, has: &dyn Fn(Tag) -> bool) -> Option<Capabilities>;
 
@@ -265,6 +273,10 @@ impl<F: Form> AnyForm for F {
 
     fn serves(&self, model: Model) -> bool {
         Form::serves(self, model)
+    }
+
+    fn divides(&self) -> bool {
+        Form::divides(self)
     }
 
     fn edits(&self, has: &dyn Fn(Tag) -> bool) -> Option<Capabilities> {

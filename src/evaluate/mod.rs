@@ -1,8 +1,10 @@
 //! From an opened asset and lights to radiosity: the traits of methods, forms and evaluators.
 
+pub mod blocks;
 pub mod capabilities;
 #[cfg(feature = "gpu")]
 pub mod device;
+pub mod division;
 pub mod evaluator;
 pub mod exitance;
 pub mod forecast;

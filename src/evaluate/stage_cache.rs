@@ -9,6 +9,7 @@ use std::sync::Arc;
 use bytemuck::Pod;
 use translux_format::{Codec, ElementType, Kind, RawSection, Tag};
 
+use super::division::{Division, Keep};
 use crate::asset::ALGORITHM_REVISION;
 use crate::error::Result;
 use crate::geometry::mesh::Mesh;
@@ -16,18 +17,13 @@ use crate::geometry::samples::Samples;
 use crate::light::Light;
 use crate::math::machine::Machine;
 
-/// Where results are kept. Whatever goes wrong there is no error of a stage, which computes what it does not find.
-pub trait Keep: Send + Sync {
-    /// The bytes that were put there under a name, unless they are gone or damaged.
-    fn get(&self, stage: &'static str, name: &[u8; 32]) -> Option<Vec<u8>>;
-
-    /// Puts bytes there.
-    fn put(&self, stage: &'static str, name: &[u8; 32], bytes: &[u8]);
-}
-
-/// A place for results, or none. It changes the time of a bake and nothing else: all are equal.
+/// A place for results, or none, and where other processes leave blocks of the same bake. It changes the time of a bake and nothing else: all
+/// are equal.
 #[derive(Clone, Default)]
-pub struct StageCache(Option<Arc<dyn Keep>>);
+pub struct StageCache {
+    keep: Option<Arc<dyn Keep>>,
+    division: Option<Arc<dyn Division>>,
+}
 
 impl PartialEq for StageCache {
     fn eq(&self, _: &Self) -> bool {
@@ -45,12 +41,17 @@ impl fmt::Debug for StageCache {
 pub struct Key(blake3::Hasher);
 
 impl Key {
-    fn new(stage: &str) -> Self {
+    pub(super) fn new(stage: &str) -> Self {
         let mut key = Self(blake3::Hasher::new());
         key.text(stage).number(u64::from(ALGORITHM_REVISION)).text(env!("CARGO_PKG_VERSION"));
         let Machine { architecture, avx512, fma, functions } = Machine::this();
         key.text(&architecture).text(&functions).number(u64::from(avx512)).number(u64::from(fma));
         key
+    }
+
+    /// The hash of what was added.
+    pub(super) fn name(&self) -> [u8; 32] {
+        *self.0.finalize().as_bytes()
     }
 
     /// Adds a number.
@@ -97,7 +98,17 @@ impl Key {
 impl StageCache {
     /// A cache that keeps results in a place.
     pub fn new(keep: Arc<dyn Keep>) -> Self {
-        Self(Some(keep))
+        Self { keep: Some(keep), division: None }
+    }
+
+    /// The same for a bake that several processes share.
+    #[must_use]
+    pub fn divided(self, division: Arc<dyn Division>) -> Self {
+        Self { division: Some(division), ..self }
+    }
+
+    pub(super) fn division(&self) -> Option<&dyn Division> {
+        self.division.as_deref()
     }
 
     /// The result of a stage as sections: the kept one, if `suits` finds nothing wrong with it, otherwise the one that `make` makes, which
@@ -112,16 +123,16 @@ impl StageCache {
         suits: impl FnOnce(&[RawSection]) -> bool,
         make: impl FnOnce() -> Result<Vec<RawSection>>,
     ) -> Result<Vec<RawSection>> {
-        let Some(keep) = &self.0 else { return make() };
+        let Some(keep) = &self.keep else { return make() };
         let mut key = Key::new(stage);
         input(&mut key);
-        let name = key.0.finalize();
-        let kept = keep.get(stage, name.as_bytes()).and_then(|bytes| decode(&bytes));
+        let name = key.name();
+        let kept = keep.get(stage, &name).and_then(|bytes| decode(&bytes));
         if let Some(sections) = kept.filter(|sections| suits(sections)) {
             return Ok(sections);
         }
         let made = make()?;
-        keep.put(stage, name.as_bytes(), &encode(&made));
+        keep.put(stage, &name, &encode(&made));
         Ok(made)
     }
 }

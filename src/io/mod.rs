@@ -1,6 +1,7 @@
 //! Files to plain buffers and back: OBJ, glTF, PLY, EXR, Radiance HDR, PNG; JPEG and WebP of models.
 
 pub mod atomic;
+pub mod bundle;
 pub mod cache;
 pub mod colour;
 pub mod environment;

@@ -7,6 +7,7 @@
 use std::ops::Range;
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 use super::irradiance::Pieces;
 use super::kernel::double_layer::Moment;
@@ -24,7 +25,7 @@ use crate::parallel::*;
 use crate::progress::Progress;
 
 /// Organisation of the sum over samples.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Scheme {
     /// Every sample with every receiver.
     AllPairs,
@@ -36,7 +37,7 @@ pub enum Scheme {
 }
 
 /// Condition under which a cluster may stand for its samples.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Criterion {
     /// Area / distance^2 below this many steradians (Jensen & Buhler 2002).
     SolidAngle(f64),

@@ -115,6 +115,12 @@ impl<'a> ManyLights<'a> {
         self.scheme
     }
 
+    /// The same with another organisation of its sums, such as [`Self::tune`] found.
+    #[must_use]
+    pub fn with_scheme(self, scheme: Scheme) -> Self {
+        Self { scheme, ..self }
+    }
+
     /// Radiosity of every receiver under one irradiance of the samples, RGB, with the same scheme.
     pub fn under(&self, irradiance: &[DVec3]) -> Vec<DVec3> {
         let lit = self.gather.light(irradiance);

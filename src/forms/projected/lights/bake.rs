@@ -4,20 +4,23 @@ use std::borrow::Cow;
 use std::sync::Arc;
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 use translux_format::Tag;
 use translux_format::quantised_lights::{QuantisedLights as File, tags};
 
 use super::evaluate::{open, transport};
 use super::light_set::{LightSet, light_net, light_spacing};
-use super::seen::radiosity_of_set;
+use super::seen::UnderSet;
 use super::settings::{LightSetSettings, QuantisedLights};
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::compress::prediction::Net;
 use crate::error::Result;
+use crate::evaluate::blocks::Blocks;
 use crate::evaluate::form::write_error;
+use crate::evaluate::stage_cache::Key;
 use crate::evaluate::stages::{of_kinds, spread, worst};
-use crate::evaluate::{AssetParts, BakeSettings, Capabilities, Evaluator, Forecast, Form, Model};
+use crate::evaluate::{AssetParts, BakeSettings, Capabilities, Evaluator, Forecast, Form, Model, StageCache};
 use crate::forms::density;
 use crate::forms::distant;
 use crate::forms::projected::coding::{Radiosities, code};
@@ -28,8 +31,10 @@ use crate::forms::projected::references::{in_ascending_order, in_order_of_rows, 
 use crate::forms::sampled_scene::{GROUP, SampledScene, parts};
 use crate::forms::single_scattering::Folding;
 use crate::light::{Light, LightKind};
+use crate::math::statistics::VertexError;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
+use crate::transport::gather::Scheme;
 use crate::transport::many_lights::ManyLights;
 use crate::transport::near_rule::NearField;
 
@@ -80,6 +85,10 @@ impl Form for QuantisedLights {
         true
     }
 
+    fn divides(&self) -> bool {
+        true
+    }
+
     fn edits(&self, _: &dyn Fn(Tag) -> bool) -> Option<Capabilities> {
         Some(Capabilities::NONE)
     }
@@ -127,18 +136,25 @@ impl Form for QuantisedLights {
                     }
                 }
             }
-            progress.start("tuning", tuning.len() as u64);
-            let rows = sampled.irradiance(&tuning)?;
-            let hierarchy = transfer.tune(HIERARCHY * settings.max_rms, &rows);
-            let truth = transfer.radiosity(&rows, &Silent);
-            let truth: Vec<Vec<DVec3>> = (0..tuning.len()).map(|light| truth.under(light)).collect();
-            progress.finish();
+            let asked = |key: &mut Key| {
+                key.text(&format!("{self:?} {}", settings.max_rms)).samples(&sampled.samples);
+            };
+            let Tuned { scheme, hierarchy, truth } = settings.cache.common("tuning", asked, || {
+                progress.start("tuning", tuning.len() as u64);
+                let rows = sampled.irradiance(&tuning)?;
+                let hierarchy = transfer.tune(HIERARCHY * settings.max_rms, &rows);
+                let truth = transfer.radiosity(&rows, &Silent);
+                let truth = (0..tuning.len()).map(|light| truth.under(light)).collect();
+                progress.finish();
+                Ok(Tuned { scheme: transfer.scheme(), hierarchy, truth })
+            })?;
+            let transfer = transfer.with_scheme(scheme);
             let needed = match self.lights.directions {
                 Some(directions) => Needed { directions, reached: 0.0, wanted: directions, largest: 0.0 },
-                None => {
+                None => settings.cache.common("number of lights", asked, || {
                     let under = (tuning.as_slice(), truth.as_slice());
-                    needed((&sampled, &transfer, &self.lights), under, settings.max_rms, progress)?
-                }
+                    needed((&sampled, &transfer, &self.lights), under, settings.max_rms, progress)
+                })?,
             };
             // What the set cannot reach is not worth the bytes of the other stages.
             let allowed = allowed(settings.max_rms, needed.reached);
@@ -147,7 +163,23 @@ impl Form for QuantisedLights {
             let net = Net::new(&sampled.points, &parts(&sampled.receivers), spacing_mm);
             let set = LightSet::planned(scene, needed.directions, &self.lights)?;
             let folding = self.single.folded(&sampled);
-            let mut values = at_references(&sampled, &transfer, &set, &net.point, progress)?;
+            let chosen = |key: &mut Key| {
+                key.text(&format!("{self:?} {allowed} {:?} {:?}", needed.directions, transfer.scheme()));
+                key.samples(&sampled.samples).rows(&net.point);
+            };
+            let truths =
+                Truths::new((&sampled, &transfer, folding.as_ref()), served(&set, unseen), &settings.cache, chosen);
+            truths.ahead(progress)?;
+            let ways = (&settings.cache, progress);
+            let mut values = at_references(&sampled, &transfer, &set, (&net.point, ways), |under, receivers| {
+                let blocks = settings.cache.blocks("lights", under.runs(), chosen);
+                if blocks.are_computed() {
+                    under.look()?;
+                }
+                blocks.ahead(progress, |run| under.of_run(run))?;
+                settings.cache.gather()?;
+                under.all(receivers, |run| blocks.get(run, || under.of_run(run)))
+            })?;
             if let Some(folding) = &folding {
                 let of_set = (set.lights.count(), |index| set.lights.entry(index));
                 folding.add_under_set(&net.point, of_set, &mut values, progress)?;
@@ -179,7 +211,7 @@ impl Form for QuantisedLights {
             let mut ledger = Ledger::default();
             ledger.add("hierarchy", hierarchy, "against all pairs, on vertices that no tuning saw");
             let baked = (&set, &net, values.as_slice(), &file);
-            measure((&sampled, &transfer, folding.as_ref()), baked, (&unseen, &needed), &mut ledger, progress)?;
+            measure(&truths, baked, &needed, &mut ledger, progress)?;
             Ok(AssetParts::without_samples(scene, ledger, sections))
         })
     }
@@ -194,19 +226,19 @@ pub fn chosen(lights: &[Light], count: usize) -> Vec<Light> {
     spread(&of_kinds(lights, &[LightKind::Directional, LightKind::Point]), count).cloned().collect()
 }
 
-/// Radiosities `[point][channel][light]` of some receivers.
+/// Radiosities `[point][channel][light]` of some receivers, whose number `all` is told.
 fn at_references(
     sampled: &SampledScene,
     transfer: &ManyLights,
     set: &LightSet,
-    points: &[u32],
-    progress: &dyn Progress,
+    (points, ways): (&[u32], (&StageCache, &dyn Progress)),
+    all: impl FnOnce(&UnderSet, usize) -> Result<Vec<f32>>,
 ) -> Result<Vec<f32>> {
     in_ascending_order(points, 3 * set.lights.count(), |ascending| {
         let receivers = sampled.receivers.only(ascending, GROUP);
         let areas = vec![1.0; receivers.len()];
         let transfer = transfer.towards(&receivers, &areas);
-        radiosity_of_set(sampled, &transfer, &set.lights, receivers.len(), progress)
+        all(&UnderSet::new(sampled, &transfer, &set.lights, ways), receivers.len())
     })
 }
 
@@ -224,7 +256,18 @@ fn interpolated(set: &LightSet, values: &[f32], light: &Light) -> Result<Vec<DVe
     Ok(under(values, set.lights.count(), &set.vector(std::slice::from_ref(light))?))
 }
 
+/// What lights that choices look at tell.
+#[derive(Serialize, Deserialize)]
+struct Tuned {
+    scheme: Scheme,
+    /// Error of the hierarchy.
+    hierarchy: VertexError,
+    /// Radiosity of every receiver under each of the lights.
+    truth: Vec<Vec<DVec3>>,
+}
+
 /// A number of directions, and what it reaches.
+#[derive(Serialize, Deserialize)]
 struct Needed {
     directions: usize,
     /// Smallest error that a bake with so many could be asked for.
@@ -245,7 +288,11 @@ fn needed(
     let (_, points) = sampled.receivers.subset(FIRST_POINTS, 0);
     let error = |directions: usize| -> Result<f64> {
         let set = LightSet::planned(sampled.scene, directions, settings)?;
-        let values = at_references(sampled, transfer, &set, &points, progress)?;
+        let ways = (&StageCache::default(), progress);
+        let values = at_references(sampled, transfer, &set, (&points, ways), |under, receivers| {
+            under.look()?;
+            under.all(receivers, |run| under.of_run(run))
+        })?;
         between_lights(sampled, &set, &points, &values, lights, truth)
     };
     let target = BETWEEN_LIGHTS * max_rms;
@@ -284,25 +331,67 @@ fn between_lights(
     Ok(error.rms)
 }
 
+/// The lights among some that a set serves.
+fn served(set: &LightSet, lights: Vec<Light>) -> Vec<Light> {
+    let parallel = set.lights.shells.inverse().len() == 1;
+    of_kinds(&lights, if parallel { distant::KINDS } else { &LightKind::STORABLE })
+}
+
+/// Radiosity of every receiver under lights that no choice saw, by rays and sums.
+struct Truths<'a> {
+    sampled: &'a SampledScene<'a>,
+    transfer: &'a ManyLights<'a>,
+    folding: Option<&'a Folding<'a>>,
+    lights: Vec<Light>,
+    blocks: Blocks<'a>,
+}
+
+impl<'a> Truths<'a> {
+    fn new(
+        (sampled, transfer, folding): (&'a SampledScene<'a>, &'a ManyLights<'a>, Option<&'a Folding<'a>>),
+        lights: Vec<Light>,
+        cache: &'a StageCache,
+        chosen: impl FnOnce(&mut Key),
+    ) -> Self {
+        let blocks = cache.blocks("unseen lights", lights.len(), chosen);
+        Self { sampled, transfer, folding, lights, blocks }
+    }
+
+    /// Computes those of this process where several share the bake.
+    fn ahead(&self, progress: &dyn Progress) -> Result<()> {
+        self.blocks.ahead(progress, |light| self.computed(light))
+    }
+
+    /// The truth under one of the lights.
+    fn under(&self, light: usize) -> Result<Vec<DVec3>> {
+        Ok(self.blocks.get(light, || self.computed(light))?.into_iter().map(DVec3::from_array).collect())
+    }
+
+    fn computed(&self, light: usize) -> Result<Vec<[f64; 3]>> {
+        let light = &self.lights[light];
+        let mut truth = self.transfer.under(&self.sampled.by_rays(light)?);
+        if let Some(folding) = self.folding {
+            folding.add(light, &mut truth)?;
+        }
+        Ok(truth.iter().map(DVec3::to_array).collect())
+    }
+}
+
 /// Enters the error of each stage under lights that no choice saw.
 fn measure(
-    (sampled, transfer, folding): (&SampledScene, &ManyLights, Option<&Folding>),
+    truths: &Truths,
     (set, net, values, file): (&LightSet, &Net, &[f32], &File),
-    (unseen, needed): (&[Light], &Needed),
+    needed: &Needed,
     ledger: &mut Ledger,
     progress: &dyn Progress,
 ) -> Result<()> {
-    let parallel = set.lights.shells.inverse().len() == 1;
-    let served = of_kinds(unseen, if parallel { distant::KINDS } else { &LightKind::STORABLE });
+    let sampled = truths.sampled;
     let transport = transport(file, sampled.scene, &sampled.receivers, set)?;
     let points = sampled.probes(net.point.clone());
-    progress.start("errors", served.len() as u64);
-    let errors = worst(&served, |light| {
+    progress.start("errors", truths.lights.len() as u64);
+    let errors = worst(truths.lights.iter().enumerate(), |(index, light)| {
         progress.advance(1);
-        let mut truth = transfer.under(&sampled.by_rays(light)?);
-        if let Some(folding) = folding {
-            folding.add(light, &mut truth)?;
-        }
+        let truth = truths.under(index)?;
         let between = interpolated(set, values, light)?;
         let lit = set.lit(&transport, std::slice::from_ref(light))?;
         let coded = in_order_of_rows(net, &transport.at_references(&lit));

@@ -1,9 +1,13 @@
 //! Visibility of the lights of a set from the samples, and radiosity under all of them.
 
+use std::sync::OnceLock;
+
 use glam::DVec3;
 
 use super::light_set::SIDE;
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::evaluate::StageCache;
+use crate::evaluate::stage_cache::Key;
 use crate::forms::sampled_scene::SampledScene;
 use crate::geometry::cluster;
 use crate::light::Light;
@@ -46,6 +50,30 @@ impl Seen {
     /// Visibility of parallel lights from the centres of texels of a cube map, and of points around the scene:
     /// everything in their direction is in front of them, so that the texel decides whether it is blocked.
     pub fn new(sampled: &SampledScene, lights: &QuantisedLights, progress: &dyn Progress) -> Self {
+        let mut seen = Self::undecided(sampled, lights);
+        seen.bits = seen.decided(sampled, progress);
+        seen
+    }
+
+    /// The same, taken from another process where several share a bake.
+    fn common(
+        sampled: &SampledScene,
+        lights: &QuantisedLights,
+        (cache, progress): (&StageCache, &dyn Progress),
+    ) -> Result<Self> {
+        let mut seen = Self::undecided(sampled, lights);
+        let key = |key: &mut Key| {
+            key.samples(&sampled.samples).text(&format!("{lights:?}"));
+        };
+        seen.bits = cache.common("visibility", key, || Ok(seen.decided(sampled, progress)))?;
+        if seen.bits.len() != seen.observers.len() * seen.words {
+            return Err(Error::input(format!("visibility of {} words is that of another set", seen.bits.len())));
+        }
+        Ok(seen)
+    }
+
+    /// Without any light that is seen.
+    fn undecided(sampled: &SampledScene, lights: &QuantisedLights) -> Self {
         let mesh = &sampled.scene.mesh;
         let centre = lights.shells.centre_mm() - mesh.origin_mm;
         let farthest = mesh.local_mm.iter().map(|v| v.as_dvec3().distance(centre)).fold(0.0, f64::max);
@@ -62,7 +90,14 @@ impl Seen {
         let (words, samples) = (places.len().div_ceil(64), sampled.samples.len());
         let observers: Vec<Observer> =
             (0..samples).into_par_iter().map(|i| Observer::of(mesh, sampled.samples.patch(i))).collect();
-        let occluders = Occluders::new(mesh);
+        Self { observers, places, words, bits: Vec::new() }
+    }
+
+    /// Decides the visibility, one bit for each light, `[sample][word]`.
+    fn decided(&self, sampled: &SampledScene, progress: &dyn Progress) -> Vec<u64> {
+        let Self { observers, places, words, .. } = self;
+        let (words, samples) = (*words, observers.len());
+        let occluders = Occluders::new(&sampled.scene.mesh);
         let mut bits = vec![0u64; samples * words];
         progress.start("visibility", samples as u64);
         let chunks = observers.par_chunks(GROUP_OF_OBSERVERS);
@@ -86,7 +121,7 @@ impl Seen {
             progress.advance(observers.len() as u64);
         });
         progress.finish();
-        Self { observers, places, words, bits }
+        bits
     }
 
     /// True if the visibility of all of some lights is known.
@@ -143,6 +178,80 @@ pub fn neighbours(set: &DirectionSet, shells: usize) -> Vec<Vec<u32>> {
     runs.iter().map(of_run).collect()
 }
 
+/// Radiosity at receivers under all lights of a set, run by run of neighbours.
+pub(super) struct UnderSet<'a> {
+    sampled: &'a SampledScene<'a>,
+    transfer: &'a ManyLights<'a>,
+    lights: &'a QuantisedLights,
+    runs: Vec<Vec<u32>>,
+    /// Made for the first run that is computed.
+    seen: OnceLock<Seen>,
+    cache: &'a StageCache,
+    progress: &'a dyn Progress,
+}
+
+impl<'a> UnderSet<'a> {
+    /// `transfer` goes to the receivers.
+    pub(super) fn new(
+        sampled: &'a SampledScene<'a>,
+        transfer: &'a ManyLights<'a>,
+        lights: &'a QuantisedLights,
+        (cache, progress): (&'a StageCache, &'a dyn Progress),
+    ) -> Self {
+        let runs = neighbours(&lights.directions, lights.shells.inverse().len());
+        Self { sampled, transfer, lights, runs, seen: OnceLock::new(), cache, progress }
+    }
+
+    /// Number of runs.
+    pub(super) fn runs(&self) -> usize {
+        self.runs.len()
+    }
+
+    /// Decides the visibility of all lights, unless that has been done: a stage of its own, before the first run is computed.
+    pub(super) fn look(&self) -> Result<&Seen> {
+        if let Some(seen) = self.seen.get() {
+            return Ok(seen);
+        }
+        let seen = Seen::common(self.sampled, self.lights, (self.cache, self.progress))?;
+        Ok(self.seen.get_or_init(|| seen))
+    }
+
+    /// Radiosities `[receiver][channel][light of the run]`.
+    ///
+    /// # Errors
+    /// Lights that cannot be served.
+    pub(super) fn of_run(&self, run: usize) -> Result<Vec<f32>> {
+        let run = self.runs.get(run).map_or(&[] as &[u32], Vec::as_slice);
+        let seen = self.look()?;
+        let entries: Vec<Light> = run.iter().filter_map(|&i| self.lights.entry(i as usize)).collect();
+        let irradiance = if seen.knows(run) {
+            self.sampled.moved_rows(&entries, irradiance_of_seen(self.sampled, seen, run))
+        } else {
+            self.sampled.irradiance(&entries)?
+        };
+        Ok(self.transfer.radiosity(&irradiance, &Silent).values)
+    }
+
+    /// Radiosities `[receiver][channel][light]` of a number of receivers, from those of each run.
+    ///
+    /// # Errors
+    /// Those of `of_run`.
+    pub(super) fn all(&self, receivers: usize, of_run: impl Fn(usize) -> Result<Vec<f32>>) -> Result<Vec<f32>> {
+        let count = self.lights.count();
+        let mut values = vec![0.0f32; receivers * 3 * count];
+        self.progress.start("lights", count as u64);
+        for (index, run) in self.runs.iter().enumerate() {
+            let rows = of_run(index)?;
+            for (out, row) in values.chunks_exact_mut(count).zip(rows.chunks_exact(run.len().max(1))) {
+                run.iter().zip(row).for_each(|(&light, value)| out[light as usize] = *value);
+            }
+            self.progress.advance(run.len() as u64);
+        }
+        self.progress.finish();
+        Ok(values)
+    }
+}
+
 /// Radiosity at receivers under lights of a set: `[receiver][channel][light]`.
 ///
 /// # Errors
@@ -154,23 +263,8 @@ pub fn radiosity_of_set(
     receivers: usize,
     progress: &dyn Progress,
 ) -> Result<Vec<f32>> {
-    let count = lights.count();
-    let mut values = vec![0.0f32; receivers * 3 * count];
-    let seen = Seen::new(sampled, lights, progress);
-    progress.start("lights", count as u64);
-    for run in neighbours(&lights.directions, lights.shells.inverse().len()) {
-        let entries: Vec<Light> = run.iter().filter_map(|&i| lights.entry(i as usize)).collect();
-        let irradiance = if seen.knows(&run) {
-            sampled.moved_rows(&entries, irradiance_of_seen(sampled, &seen, &run))
-        } else {
-            sampled.irradiance(&entries)?
-        };
-        let rows = transfer.radiosity(&irradiance, &Silent);
-        for (out, row) in values.chunks_exact_mut(count).zip(rows.values.chunks_exact(run.len().max(1))) {
-            run.iter().zip(row).for_each(|(&light, value)| out[light as usize] = *value);
-        }
-        progress.advance(run.len() as u64);
-    }
-    progress.finish();
-    Ok(values)
+    let alone = StageCache::default();
+    let under = UnderSet::new(sampled, transfer, lights, (&alone, progress));
+    under.look()?;
+    under.all(receivers, |run| under.of_run(run))
 }
