@@ -152,7 +152,7 @@ pub fn blocks(part_offsets: &[u32], most: usize) -> Vec<[u32; 2]> {
 ///
 /// In [`blocks`] the first row of a block is the mean of its patches. A row at the first patch of the right half of a
 /// block, or of a half of a half and so on, is the mean of the left half less that of the right one.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct IrradianceRows {
     /// Texels along an edge of a face: a power of two, 2 to [`MOST_SIDE`].
     pub side: usize,

@@ -179,16 +179,12 @@ fn shard(args: &BakeArgs, what: What, request: &str, console: &Console) -> Resul
         }
     }
     let inputs = rebuild::inputs(&args.model)?;
-    let cache = args.cache.open()?;
     let Some(computed) = Computed::new(&args.shards, (request, &inputs))? else {
         return Err(Error::runtime("a bake without shards has none"));
     };
-    let stages = BakeCache::for_stages(&cache).divided(computed.clone());
+    let stages = StageCache::default().divided(computed.clone());
     match baked(args, what, (request, stages), console) {
-        Err(_) if computed.is_done() => {
-            cache.iter().for_each(|cache| cache.tell(console));
-            computed.write(&args.output, &args.shards, (request, &inputs), console)
-        }
+        Err(_) if computed.is_done() => computed.write(&args.output, &args.shards, (request, &inputs), console),
         Err(error) => Err(error),
         Ok(_) => Err(Error::runtime("the bake ended without the blocks of a shard")),
     }

@@ -34,7 +34,7 @@ const MOST: u32 = 1 << 16;
 pub(super) struct ShardOptions {
     /// Compute one of N shares of the bake, I from 1, and write it (.shard) in place of the asset; `translux merge` puts all of them together,
     /// to the bytes of the whole bake
-    #[arg(long, value_name = "I/N", value_parser = parse_shard, conflicts_with_all = ["if_changed", "dry_run", "keep_on_fail", "depfile"])]
+    #[arg(long, value_name = "I/N", value_parser = parse_shard, conflicts_with_all = ["if_changed", "dry_run", "keep_on_fail", "depfile", "cache"])]
     pub(super) shard: Option<Shard>,
     /// A shard that is there already: what all shards need is taken from it, and not computed in each
     #[arg(long, value_name = "FILE", requires = "shard")]
@@ -53,7 +53,7 @@ fn parse_shard(text: &str) -> std::result::Result<Shard, String> {
 }
 
 /// Options that are no part of what is baked: of the place of results and of this machine.
-pub(super) const OF_THE_PROCESS: [&str; 4] = ["output", "shard", "from-shard", "cache"];
+pub(super) const OF_THE_PROCESS: [&str; 3] = ["output", "shard", "from-shard"];
 
 #[derive(Clone, Debug, Args)]
 pub(super) struct MergeArgs {

@@ -16,7 +16,7 @@ pub const MODEL: &str = "model";
 pub const TOGETHER: &str = "together";
 
 /// The error that one stage added.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Entry {
     /// Name of the stage.
@@ -28,7 +28,7 @@ pub struct Entry {
 }
 
 /// Errors by stage, in the order of the pipeline.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Ledger {
     /// One entry a stage.

@@ -86,6 +86,35 @@ impl Blocks<'_> {
         Ok(())
     }
 
+    /// As [`Self::ahead`], for blocks that are records.
+    ///
+    /// # Errors
+    /// As [`Self::ahead`].
+    pub fn records_ahead<T: Serialize>(
+        &self,
+        progress: &dyn Progress,
+        make: impl Fn(usize) -> Result<T>,
+    ) -> Result<()> {
+        self.ahead(progress, |block| {
+            let record = make(block)?;
+            bincode::serialize(&record)
+                .map_err(|e| Error::runtime(format!("block {block} of `{}` could not be written: {e}", self.stage)))
+        })
+    }
+
+    /// As [`Self::get`], for blocks that are records.
+    ///
+    /// # Errors
+    /// As [`Self::get`].
+    pub fn record<T: DeserializeOwned>(&self, block: usize, make: impl FnOnce() -> Result<T>) -> Result<T> {
+        if self.are_computed() {
+            return make();
+        }
+        let bytes: Vec<u8> = self.get(block, || Err(Error::runtime("a block is gone that was there")))?;
+        bincode::deserialize(&bytes)
+            .map_err(|e| Error::input(format!("block {block} of `{}` cannot be read: {e}", self.stage)))
+    }
+
     /// Returns whether this process computes blocks: not where others left them.
     pub fn are_computed(&self) -> bool {
         !self.cache.division().is_some_and(|division| division.has(self.stage, &self.name))

@@ -123,7 +123,8 @@ impl StageCache {
         suits: impl FnOnce(&[RawSection]) -> bool,
         make: impl FnOnce() -> Result<Vec<RawSection>>,
     ) -> Result<Vec<RawSection>> {
-        let Some(keep) = &self.keep else { return make() };
+        // Whoever finds a result here does without the blocks that it is made of, and the others do not.
+        let Some(keep) = self.keep.as_ref().filter(|_| self.division.is_none()) else { return make() };
         let mut key = Key::new(stage);
         input(&mut key);
         let name = key.name();

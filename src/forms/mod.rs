@@ -16,6 +16,7 @@ pub mod single_scattering;
 #[cfg(test)]
 mod test_scene;
 pub mod texture_space;
+mod truths;
 
 use crate::evaluate::RegisteredForm;
 

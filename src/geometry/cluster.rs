@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 /// A contiguous run of a permutation.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Run {
     /// First position in the permutation.
     pub first: u32,

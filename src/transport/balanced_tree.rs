@@ -153,7 +153,7 @@ fn build(patches: &[Patch], cells: &mut [Cell]) -> Cell {
 }
 
 /// Irradiance in the basis of the tree.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
 pub struct LightDetails {
     /// Mean irradiance of the left child less that of the right one, over `scale`, RGB, by the name of the node.
     pub details: Vec<[f32; 3]>,

@@ -33,7 +33,7 @@ pub struct Precision {
 }
 
 /// Rows of one group.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Rows {
     /// Nodes of the kept coefficients, ascending.
     pub nodes: Vec<u32>,

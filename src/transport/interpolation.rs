@@ -16,7 +16,7 @@ pub const ONE: f32 = 16384.0;
 const RUNS: usize = 64;
 
 /// Weights of runs of [`LANES`] targets over the sources that any of the run has.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct SharedWeights {
     targets: usize,
     /// Sources of run `i` are `sources[offsets[i]..offsets[i + 1]]`.

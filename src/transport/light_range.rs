@@ -12,7 +12,7 @@ const SAME_COLOUR: f64 = 1e-10;
 const CHUNK: usize = 8192;
 
 /// A colour that all light is a multiple of.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CommonColour {
     /// The first channel that no other exceeds: its light, times `rgb`, is the light.
     pub channel: usize,

@@ -6,6 +6,7 @@
 //! lights is scalar (F_t depends on eta alone), transfer is RGB.
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 use super::gather::{Criterion, Gather, Scheme, Source};
 use super::receivers::{Group, ProbePoints, Receivers};
@@ -16,7 +17,7 @@ use crate::parallel::*;
 use crate::progress::Progress;
 
 /// Irradiance of every sample under each of some lights; for a scene of one index of refraction, white lights.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct IrradianceRows {
     /// Lights.
     pub lights: usize,
@@ -170,9 +171,19 @@ impl<'a> ManyLights<'a> {
     /// Radiosity of every receiver under each light. A receiver's value depends on its own group only.
     pub fn radiosity(&self, rows: &IrradianceRows, progress: &dyn Progress) -> RadiosityRows {
         progress.start("transfer", self.receivers.len() as u64);
-        let result = self.gathered(self.receivers, rows, &Shared::new(self, rows), self.scheme, progress);
+        let result = self.radiosity_of(rows, &self.shared(rows), progress);
         progress.finish();
         result
+    }
+
+    /// What the radiosity of all receivers under some lights shares.
+    pub fn shared(&self, rows: &IrradianceRows) -> Shared {
+        Shared::new(self, rows)
+    }
+
+    /// [`Self::radiosity`] with what is shared by calls for other receivers.
+    pub fn radiosity_of(&self, rows: &IrradianceRows, shared: &Shared, progress: &dyn Progress) -> RadiosityRows {
+        self.gathered(self.receivers, rows, shared, self.scheme, progress)
     }
 
     fn gathered<'r>(
@@ -216,7 +227,7 @@ fn worst(found: &RadiosityRows, truth: &RadiosityRows, points: &ProbePoints) -> 
 }
 
 /// Light that all receivers share.
-struct Shared {
+pub struct Shared {
     /// Irradiance of every sample, the mean over the lights.
     mean: Vec<DVec3>,
     /// Flux of every node of the tree under each light.

@@ -98,7 +98,7 @@ impl NearField {
 }
 
 /// Distances over the radius of a sample below which it is more than a disc.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct NearRule {
     /// Points of its facets are summed below this.
     pub facets_below: f64,

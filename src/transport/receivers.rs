@@ -13,7 +13,7 @@ use crate::math::statistics::{VertexError, vertex_error_of_some};
 use crate::parallel::*;
 
 /// Points that gather flux, grouped by part and place.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
 pub struct Receivers {
     /// Positions relative to the mesh's origin, mm, group after group.
     pub positions: Vec<DVec3>,
@@ -34,7 +34,7 @@ const VERTICES_OF_A_TASK: usize = 1 << 13;
 pub const NONE: u32 = u32::MAX;
 
 /// Neighbouring receivers of one part.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Group {
     /// Positions in [`Receivers::positions`].
     pub run: Run,

@@ -28,6 +28,7 @@ mod reader;
 mod relight;
 mod revisions;
 mod schemas;
+mod shards;
 mod size_and_mesh;
 mod trust;
 mod validate;

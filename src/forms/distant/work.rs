@@ -6,14 +6,16 @@ use translux_format::RawSection;
 use super::settings::{Distant, KINDS, Single};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
-use crate::evaluate::BakeSettings;
+use crate::evaluate::stage_cache::Key;
 use crate::evaluate::stages::{of_kinds, spread, worst};
+use crate::evaluate::{BakeSettings, StageCache};
 use crate::forms::sampled_scene::SampledScene;
 use crate::light::{Light, LightKind};
 use crate::math::statistics::VertexError;
 use crate::medium::profile::Orders;
 use crate::progress::Progress;
 use crate::scene::Scene;
+use crate::transport::gather::Scheme;
 use crate::transport::many_lights::{IrradianceRows, ManyLights};
 use crate::transport::near_rule::NearField;
 
@@ -50,6 +52,8 @@ pub(crate) struct Work<'a, 'b> {
     pub(crate) unseen: Unseen,
     /// Sections that say how kernels are calibrated.
     pub(crate) calibration: Vec<RawSection>,
+    /// Where processes that share the bake leave their blocks.
+    pub(crate) cache: &'a StageCache,
 }
 
 impl Work<'_, '_> {
@@ -62,27 +66,38 @@ impl Work<'_, '_> {
         }
     }
 
+    /// Tells what everything up to the tuned hierarchy depends on.
+    pub(crate) fn tell(&self, key: &mut Key) {
+        let Self { sampled, plan, max_rms, for_suns, .. } = self;
+        key.text(&format!("{plan:?} {max_rms} {for_suns} {:?}", self.transfer.scheme())).samples(&sampled.samples);
+    }
+
+    /// Lights that errors are measured under: environments, then suns.
+    pub(crate) fn judges(&self) -> impl Iterator<Item = &Light> {
+        self.unseen.environments.iter().chain(&self.unseen.suns)
+    }
+
     /// Error that each stage adds, the worst of the environments that no choice saw, and of the suns where these are asked for; and of
-    /// all stages together, the worst of the suns. `values` hands over radiosity before and after the stages, given a light and the
-    /// irradiance of the samples by rays.
+    /// all stages together, the worst of the suns. `values` hands over radiosity before and after the stages, given a light of
+    /// [`Self::judges`] and its index.
     pub(crate) fn errors<'l, V, const N: usize>(
         &'l self,
         progress: &dyn Progress,
-        values: impl Fn(&'l Light, &[DVec3]) -> Result<V>,
+        values: impl Fn(usize, &'l Light) -> Result<V>,
         by_stage: impl Fn(&V) -> Result<[VertexError; N]>,
         together: impl Fn(&V) -> VertexError,
     ) -> Result<([VertexError; N], VertexError)> {
         let Unseen { environments, suns } = &self.unseen;
         progress.start("errors", (environments.len() + suns.len()) as u64);
-        let under = |light| {
-            let values = values(light, &self.sampled.by_rays(light)?);
+        let under = |(index, light)| {
+            let values = values(index, light);
             progress.advance(1);
             values
         };
-        let mut errors = worst(environments, |light| by_stage(&under(light)?))?;
+        let mut errors = worst(environments.iter().enumerate(), |light| by_stage(&under(light)?))?;
         let mut alone = VertexError::default();
-        for light in suns {
-            let values = under(light)?;
+        for (index, light) in suns.iter().enumerate() {
+            let values = under((environments.len() + index, light))?;
             alone = alone.max(together(&values));
             if self.for_suns {
                 errors.iter_mut().zip(by_stage(&values)?).for_each(|(worst, error)| *worst = worst.max(error));
@@ -145,10 +160,18 @@ pub(crate) fn with_work<T>(
         if for_suns && !suns.is_empty() {
             suns.extend(edge_on(scene, TUNING_TURNS));
         }
-        progress.start("tuning", suns.len() as u64);
-        let rows = sampled.irradiance(&suns)?;
-        let hierarchy = transfer.tune(HIERARCHY * settings.max_rms, &rows);
-        progress.finish();
+        let asked = |key: &mut Key| {
+            key.text(&format!("{plan:?} {} {for_suns}", settings.max_rms)).samples(&sampled.samples);
+        };
+        let tuned = settings.cache.common("tuning", asked, || {
+            progress.start("tuning", suns.len() as u64);
+            let rows = sampled.irradiance(&suns)?;
+            let hierarchy = transfer.tune(HIERARCHY * settings.max_rms, &rows);
+            progress.finish();
+            Ok((rows, hierarchy, transfer.scheme()))
+        })?;
+        let (rows, hierarchy, scheme): (IrradianceRows, VertexError, Scheme) = tuned;
+        let transfer = transfer.with_scheme(scheme);
         let mut ledger = Ledger::default();
         ledger.add("hierarchy", hierarchy, "against all pairs, on vertices that no tuning saw");
         let work = Work {
@@ -161,6 +184,7 @@ pub(crate) fn with_work<T>(
             suns: &suns,
             unseen: Unseen::new(scene, settings),
             calibration,
+            cache: &settings.cache,
         };
         make(&work, &rows, ledger)
     })

@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 use translux_format::rows::IrradianceRows;
 use translux_format::{Codec, Kind, RawSection, Tag};
 
@@ -12,10 +13,12 @@ use super::stored::{IN_ROWS, StoredRows};
 use crate::compress::ledger::Ledger;
 use crate::compress::rows::Rows;
 use crate::error::{Error, Result};
+use crate::evaluate::blocks::Blocks;
 use crate::evaluate::form::write_error;
+use crate::evaluate::stage_cache::Key;
 use crate::evaluate::stages::{of_kinds, probe_points, worst};
 use crate::evaluate::{BakeSettings, StageCache};
-use crate::geometry::samples::{self, Samples};
+use crate::geometry::samples::{self, Patch, Samples};
 use crate::light::cube_light::CubeLight;
 use crate::light::sky::sky_with_sun;
 use crate::light::suns::apart;
@@ -56,6 +59,7 @@ pub fn bake(
     progress: &dyn Progress,
 ) -> Result<Vec<RawSection>> {
     let (settings, samples, cache) = (how.0, surface.samples, &bake.cache);
+    let work = Work { surface, settings, sampling: how.1, cache };
     // Of the media they know nothing.
     let sections = cache.sections(
         "irradiance rows",
@@ -63,55 +67,155 @@ pub fn bake(
             key.surface(surface.domain.mesh).samples(samples).text(&format!("{settings:?} {TERMS}"));
         },
         |sections| matches!(IrradianceRows::from_sections(sections, samples.len()), Ok(Some(_))),
-        || rows(surface, settings, progress)?.into_data().to_sections().map_err(write_error),
+        || work.rows(progress)?.into_data().to_sections().map_err(write_error),
     )?;
-    measure(surface, receivers, how, (&bake.probes.unseen, cache), ledger, progress)?;
+    measure(&work, receivers, how.2, &bake.probes.unseen, ledger, progress)?;
     Ok(sections)
 }
 
-/// Rows of every sample, in blocks.
-fn rows(surface: &Surface, settings: EnvironmentRows, progress: &dyn Progress) -> Result<Rows> {
-    RowBaker::new(surface, settings.of_rows(settings.coefficients as usize))?.in_blocks(progress)
+/// What [`bake`] computes in blocks, where several processes share them: those of this one.
+///
+/// # Errors
+/// As [`bake`].
+pub fn ahead(
+    surface: &Surface,
+    (settings, sampling): (EnvironmentRows, LightSampling),
+    bake: &BakeSettings,
+    progress: &dyn Progress,
+) -> Result<()> {
+    let work = Work { surface, settings, sampling, cache: &bake.cache };
+    let baker = work.baker()?;
+    let (blocks, ranges) = work.blocks(&baker);
+    let threshold = work.threshold(&baker)?;
+    blocks.records_ahead(progress, |block| Ok(baker.chunks(ranges[block].clone(), threshold, &Silent)))?;
+    match Judged::new(surface, &bake.probes.unseen) {
+        Some(judged) => judged.blocks(&work).records_ahead(progress, |_| judged.lit(&work, &Silent)),
+        None => Ok(()),
+    }
+}
+
+/// Rows of a surface.
+struct Work<'a> {
+    surface: &'a Surface<'a>,
+    settings: EnvironmentRows,
+    sampling: LightSampling,
+    cache: &'a StageCache,
+}
+
+/// Blocks at most that rows are shared in.
+const BLOCKS: usize = 256;
+
+impl Work<'_> {
+    fn baker(&self) -> Result<RowBaker<'_>> {
+        RowBaker::new(self.surface, self.settings.of_rows(self.settings.coefficients as usize))
+    }
+
+    fn tell(&self, key: &mut Key) {
+        key.samples(self.surface.samples).text(&format!("{:?} {TERMS}", self.settings));
+    }
+
+    fn threshold(&self, baker: &RowBaker) -> Result<f32> {
+        self.cache.common("threshold of rows", |key| self.tell(key), || Ok(baker.threshold()))
+    }
+
+    /// Blocks of chunks.
+    fn blocks(&self, baker: &RowBaker) -> (Blocks<'_>, Vec<Range<usize>>) {
+        let chunks = baker.chunk_count();
+        let each = chunks.div_ceil(BLOCKS).max(1);
+        let ranges: Vec<Range<usize>> = (0..chunks).step_by(each).map(|a| a..chunks.min(a + each)).collect();
+        (self.cache.blocks("irradiance rows", ranges.len(), |key| self.tell(key)), ranges)
+    }
+
+    /// Rows of every sample, in blocks.
+    fn rows(&self, progress: &dyn Progress) -> Result<Rows> {
+        let baker = self.baker()?;
+        let (blocks, ranges) = self.blocks(&baker);
+        if blocks.are_computed() {
+            return baker.in_blocks(progress);
+        }
+        let mut chunks = Vec::with_capacity(baker.chunk_count());
+        for block in 0..ranges.len() {
+            let gone = || Err(Error::runtime("a block is gone that was there"));
+            chunks.extend(blocks.record::<Vec<IrradianceRows>>(block, gone)?);
+        }
+        baker.joined(chunks)
+    }
+}
+
+/// Lights, and samples fewer than those of the asset, that errors under environments are measured with.
+struct Judged {
+    lights: Vec<Light>,
+    etas: Vec<f64>,
+    samples: Samples,
+    patches: Vec<Patch>,
+}
+
+impl Judged {
+    /// None where there is nothing to measure: no lights, or media that the rows do not serve.
+    fn new(full: &Surface, unseen: &[Light]) -> Option<Self> {
+        let domain = full.domain;
+        let mut lights = of_kinds(unseen, &IN_ROWS);
+        if let Some(Light::Environment { rotate_degrees, .. }) =
+            lights.iter().rfind(|l| l.kind() == LightKind::Environment)
+        {
+            let (map, rotate_degrees) = (Arc::new(sky_with_sun()), *rotate_degrees);
+            lights.push(Light::Environment { map, rotate_degrees, scale: DVec3::ONE });
+        }
+        let entrance = EntranceBasis::new(TERMS);
+        let etas: Vec<f64> = domain.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+        if lights.is_empty() || etas.iter().any(|&eta| entrance.project(eta).is_err()) {
+            return None;
+        }
+        let unordered = Samples::new(domain.mesh, domain.parts, full.samples.len().div_ceil(COARSER));
+        let samples = in_tree_order(&unordered, &samples::patches(domain.mesh, &unordered));
+        let patches = samples::patches(domain.mesh, &samples);
+        Some(Self { lights, etas, samples, patches })
+    }
+
+    fn surface<'a>(&'a self, full: &Surface<'a>) -> Surface<'a> {
+        Surface { domain: full.domain, bvh: full.bvh, samples: &self.samples, patches: &self.patches }
+    }
+
+    fn lit(&self, work: &Work, progress: &dyn Progress) -> Result<Lit> {
+        Lit::new(&self.surface(work.surface), (work.settings, work.sampling), &self.lights, &self.etas, progress)
+    }
+
+    /// All of it is one block.
+    fn blocks<'a>(&self, work: &Work<'a>) -> Blocks<'a> {
+        work.cache.blocks("environment errors", 1, |key| {
+            work.tell(key);
+            key.samples(&self.samples).rows(&self.etas);
+        })
+    }
 }
 
 /// Enters the errors of visibility, cube map and row truncation under environments, on a coarser set of samples.
 fn measure(
-    full: &Surface,
+    work: &Work,
     receivers: &Receivers,
-    (settings, sampling, near): (EnvironmentRows, LightSampling, NearField),
-    (unseen, cache): (&[Light], &StageCache),
+    near: NearField,
+    unseen: &[Light],
     ledger: &mut Ledger,
     progress: &dyn Progress,
 ) -> Result<()> {
+    let Work { surface: full, settings, sampling, cache } = *work;
     let domain = full.domain;
-    let mut lights = of_kinds(unseen, &IN_ROWS);
-    if let Some(Light::Environment { rotate_degrees, .. }) = lights.iter().rfind(|l| l.kind() == LightKind::Environment)
-    {
-        let (map, rotate_degrees) = (Arc::new(sky_with_sun()), *rotate_degrees);
-        lights.push(Light::Environment { map, rotate_degrees, scale: DVec3::ONE });
-    }
-    let entrance = EntranceBasis::new(TERMS);
-    let etas: Vec<f64> = domain.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-    if lights.is_empty() || etas.iter().any(|&eta| entrance.project(eta).is_err()) {
-        return Ok(());
-    }
+    let Some(judged) = Judged::new(full, unseen) else { return Ok(()) };
+    let Judged { lights, etas, samples, .. } = &judged;
     progress.start("environment errors", 2 + lights.len() as u64);
-    let unordered = Samples::new(domain.mesh, domain.parts, full.samples.len().div_ceil(COARSER));
-    let samples = in_tree_order(&unordered, &samples::patches(domain.mesh, &unordered));
-    let patches = samples::patches(domain.mesh, &samples);
-    let surface = Surface { domain, bvh: full.bvh, samples: &samples, patches: &patches };
+    let surface = judged.surface(full);
     let sections = cache.sections(
         "environment errors",
         |key| {
-            key.surface(domain.mesh).samples(&samples).rows(&domain.parts.triangle_part).rows(&etas);
+            key.surface(domain.mesh).samples(samples).rows(&domain.parts.triangle_part).rows(etas);
             let media: Vec<u32> = domain.parts.parts.iter().map(|part| part.medium.unwrap_or(u32::MAX)).collect();
             key.rows(&media).text(&format!("{settings:?} {TERMS} {sampling:?} {NATIVE_DIRECTIONS} {CHECKED}"));
-            for light in &lights {
+            for light in lights {
                 key.light(light);
             }
         },
         |sections| Lit::of_sections(sections, lights.len() * samples.len()).is_some(),
-        || Ok(Lit::new(&surface, (settings, sampling), &lights, &etas, progress)?.to_sections()),
+        || Ok(judged.blocks(work).record(0, || judged.lit(work, progress))?.to_sections()),
     )?;
     let missing = || Error::runtime("irradiance that was just made is gone");
     let Lit { visibility, differing, irradiance } =
@@ -145,6 +249,7 @@ const LIT: [Tag; 5] = [
 ];
 
 /// What errors under environments are measured from, before any light scatters: of the media it depends on their refractive indices alone.
+#[derive(Serialize, Deserialize)]
 struct Lit {
     /// Error of the irradiance by visibility.
     visibility: VertexError,
@@ -165,7 +270,8 @@ impl Lit {
         let (samples, domain) = (surface.samples, surface.domain);
         let (visibility, wrong, all) = visibility_error(surface, settings);
         progress.advance(1);
-        let stored = StoredRows::new(rows(surface, settings, &Silent)?);
+        let alone = Work { surface, settings, sampling, cache: &StageCache::default() };
+        let stored = StoredRows::new(alone.rows(&Silent)?);
         let side = settings.side as usize;
         let everything = RowBaker::new(surface, settings.of_rows(6 * side * side))?;
         progress.advance(1);
@@ -300,7 +406,9 @@ mod tests {
         let patches = samples::patches(&scene.mesh, &samples);
         let surface = Surface { domain: scene.domain(), bvh: &bvh, samples: &samples, patches: &patches };
         let settings = EnvironmentRows { side: 32, coefficients: 64 };
-        let stored = StoredRows::new(rows(&surface, settings, &Silent).unwrap());
+        let sampling = LightSampling::REFERENCE;
+        let work = Work { surface: &surface, settings, sampling, cache: &StageCache::default() };
+        let stored = StoredRows::new(work.rows(&Silent).unwrap());
         let light = [Light::environment(Arc::new(sky_with_sun()), 40.0, DVec3::ONE).unwrap()];
         let native = LightSampling { directions: 2048, ..LightSampling::REFERENCE };
         let etas = [scene.media[0].properties.eta_inside_over_outside];

@@ -12,7 +12,7 @@ use translux_format::Tag;
 use translux_format::rows::tags;
 
 use crate::evaluate::SourceFields;
-pub use bake::bake;
+pub use bake::{ahead, bake};
 pub use settings::EnvironmentRows;
 pub use stored::{BY_RAYS, IN_ROWS, StoredRows, by_rays, sampled};
 

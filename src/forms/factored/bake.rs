@@ -1,5 +1,6 @@
 //! Bake of `factored`: samples in tree order, a basis of far profiles, and the transport of each basis function.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use translux_format::far_field::{FarField, Group, Shape};
@@ -16,7 +17,9 @@ use super::settings::{Factored, MOST_LEVELS};
 use crate::asset::Asset;
 use crate::compress::blocks;
 use crate::error::{Error, Result};
+use crate::evaluate::blocks::Blocks;
 use crate::evaluate::form::write_error;
+use crate::evaluate::stage_cache::Key;
 use crate::evaluate::{AssetParts, BakeSettings, Capabilities, Evaluator, Forecast, Form, MaterialEdit, ProfileEdit};
 use crate::forms::density;
 use crate::forms::environment_rows::{self, EnvironmentRows};
@@ -26,7 +29,7 @@ use crate::geometry::samples::Samples;
 use crate::light::{Light, LightKind};
 use crate::medium::profile_basis::{BasisSettings, ProfileBasis};
 use crate::parallel::*;
-use crate::progress::Progress;
+use crate::progress::{Progress, stage};
 use crate::scene::Scene;
 use crate::transport::balanced_tree::{LightDetails, expected_details};
 use crate::transport::far_field::{FarTransport, LANES, Precision, Rows, TERMS};
@@ -60,6 +63,10 @@ impl Form for Factored {
         Ok(())
     }
 
+    fn divides(&self) -> bool {
+        true
+    }
+
     fn edits(&self, has: &dyn Fn(Tag) -> bool) -> Option<Capabilities> {
         let source_fields = environment_rows::source_fields(has);
         Some(Capabilities { material: MaterialEdit::Any, profile: ProfileEdit::None, source_fields })
@@ -87,12 +94,17 @@ impl Form for Factored {
         let (table, spread) = (basis.table(), basis.spread());
         progress.finish();
 
-        let (expected, tuning) = expected_light(scene, &ordered, &settings.probes.tuning, self.sampling, progress)?;
-        progress.start("points", 0);
-        ordered.points =
-            choose_points(Work { scene, ordered: &ordered, form: self, basis: &basis, table: &table }, &tuning);
+        let (cache, lights) = (&settings.cache, settings.probes.tuning.as_slice());
+        let asked = |key: &mut Key| {
+            key.text(&format!("{self:?} {}", settings.max_rms)).number(count as u64);
+        };
+        let lit = || expected_light(scene, &ordered, lights, self.sampling, progress);
+        let (expected, tuning) = cache.common("typical light", asked, lit)?;
+        ordered.points = cache.common("points", asked, || {
+            let work = Work { scene, ordered: &ordered, form: self, basis: &basis, table: &table };
+            Ok(stage(progress, "points", || choose_points(work, &tuning)))
+        })?;
         let work = Work { scene, ordered: &ordered, form: self, basis: &basis, table: &table };
-        progress.finish();
         // Inside the split radius the functions change as at its edge; what is as well known from points twice as far apart changes half as fast.
         let smooth = |level: &u8| 0.5 * ordered.split_mm * f64::from(1u32 << level);
         let smooth_mm: Vec<f64> = ordered.points.levels.iter().map(smooth).collect();
@@ -105,12 +117,22 @@ impl Form for Factored {
             smooth_mm: &smooth_mm,
             precision: Precision { opening: self.opening, threshold: 0.0, keep: 0.0 },
         };
-        progress.start("threshold", 0);
-        let choice = Choice::new(work, &transport, &tuning);
-        progress.finish();
+        let choice = cache.common("threshold", asked, || {
+            Ok(stage(progress, "threshold", || Choice::new(work, &transport, &tuning)))
+        })?;
         let precision = Precision { opening: self.opening, threshold: choice.threshold, keep: choice.threshold };
         let transport = FarTransport { precision, ..transport };
-        let far = far_field(&transport, &ordered.points, &choice, progress);
+        let environment = self.environment.filter(|_| settings.is_for(LightKind::Environment));
+        let surface = ordered.surface(scene);
+        let blocks = cache.blocks("transport", ordered.points.rows.places.groups.len().div_ceil(CHUNK), asked);
+        blocks.records_ahead(progress, |block| {
+            Ok(rows(&transport, &ordered.points.rows, chunk(&ordered.points, block)))
+        })?;
+        if let Some(rows) = environment {
+            environment_rows::ahead(&surface, (rows, self.sampling), settings, progress)?;
+        }
+        cache.gather()?;
+        let far = far_field(&transport, &ordered.points, (&choice, &blocks), progress)?;
 
         let mut sections = sections(&basis, &far, &scene.mesh, &ordered.samples)?;
         let mut ledger = ledger::measure(&Baked {
@@ -120,8 +142,8 @@ impl Form for Factored {
             unseen: &settings.probes.unseen,
             progress,
         })?;
-        if let Some(rows) = self.environment.filter(|_| settings.is_for(LightKind::Environment)) {
-            let (place, how) = ((&ordered.surface(scene), &ordered.receivers), (rows, self.sampling, self.near));
+        if let Some(rows) = environment {
+            let (place, how) = ((&surface, &ordered.receivers), (rows, self.sampling, self.near));
             sections.extend(environment_rows::bake(place, how, settings, &mut ledger, progress)?);
         }
         Ok(AssetParts { samples: ordered.samples, ledger, sections })
@@ -190,22 +212,39 @@ fn expected_light(
 }
 
 /// Rows of a range of groups: independent of how the groups are cut into ranges.
-fn rows(transport: &FarTransport, stored: &RowPlaces, range: std::ops::Range<usize>) -> Vec<Rows> {
+fn rows(transport: &FarTransport, stored: &RowPlaces, range: Range<usize>) -> Vec<Rows> {
     let of_group = |(group, functions): (&crate::transport::receivers::Group, &u16)| {
         transport.rows(&stored.places.positions[group.run.range()], group.part as usize, *functions)
     };
     stored.places.groups[range.clone()].par_iter().zip(&stored.functions[range]).map(of_group).collect()
 }
 
-fn far_field(transport: &FarTransport, points: &FarPoints, choice: &Choice, progress: &dyn Progress) -> FarField {
-    const CHUNK: usize = 64;
+/// Groups of a block.
+const CHUNK: usize = 64;
+
+/// The groups of a block.
+fn chunk(points: &FarPoints, block: usize) -> Range<usize> {
+    let groups = points.rows.places.groups.len();
+    (block * CHUNK).min(groups)..((block + 1) * CHUNK).min(groups)
+}
+
+fn far_field(
+    transport: &FarTransport,
+    points: &FarPoints,
+    (choice, blocks): (&Choice, &Blocks),
+    progress: &dyn Progress,
+) -> Result<FarField> {
     let groups = points.rows.places.groups.len();
     progress.start("transport", groups as u64);
     let mut all = Vec::with_capacity(groups);
-    for first in (0..groups).step_by(CHUNK) {
-        let range = first..groups.min(first + CHUNK);
+    for block in 0..groups.div_ceil(CHUNK) {
+        let range = chunk(points, block);
         progress.advance(range.len() as u64);
-        all.extend(rows(transport, &points.rows, range));
+        let made: Vec<Rows> = blocks.record(block, || Ok(rows(transport, &points.rows, range.clone())))?;
+        if made.len() != range.len() {
+            return Err(Error::input(format!("a block of {} groups in place of {}", made.len(), range.len())));
+        }
+        all.extend(made);
     }
     progress.finish();
     let terms = transport.spread.len();
@@ -232,7 +271,7 @@ fn far_field(transport: &FarTransport, points: &FarPoints, choice: &Choice, prog
         far.groups.push(Group { part: group.part, rows_end: group.run.end, coefficients_end, functions });
     }
     far.steps = steps;
-    far
+    Ok(far)
 }
 
 /// Adds the quantised rows of a group; those that round to 0 are dropped.

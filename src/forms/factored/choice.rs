@@ -30,6 +30,7 @@ const STEP: f64 = 1.04;
 const TARGET: f64 = 1.0;
 
 /// Threshold of the coefficients and their quantiser steps.
+#[derive(serde::Serialize, serde::Deserialize)]
 pub(super) struct Choice {
     pub(super) threshold: f64,
     /// Quantiser step of each basis function; raised for values that would not fit.
@@ -49,6 +50,7 @@ struct Coefficient {
 }
 
 /// Irradiance of the samples under a light, and its details.
+#[derive(serde::Serialize, serde::Deserialize)]
 pub(super) struct Tuning {
     pub(super) irradiance: Vec<DVec3>,
     pub(super) details: LightDetails,

@@ -23,7 +23,7 @@ pub(super) struct FarSums {
 }
 
 /// Receivers whose own rows lack some functions, and their weights over the rows that have them.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
 pub(super) struct Fill {
     /// The missing functions: bit k.
     pub functions: u16,

@@ -28,6 +28,7 @@ const LEAST_POINTS: usize = 64;
 pub(super) type Row = Vec<(u32, f64)>;
 
 /// Points of the far field.
+#[derive(serde::Serialize, serde::Deserialize)]
 pub(super) struct FarPoints {
     /// The points, in groups; `of_vertex` has a point for their vertices alone.
     pub(super) receivers: Receivers,
@@ -43,7 +44,7 @@ pub(super) struct FarPoints {
 
 /// Rows in groups that lie close together, of similar values. Functions at every eighth of the points are grouped among
 /// these points alone, those at every point among all.
-#[derive(Default)]
+#[derive(Default, serde::Serialize, serde::Deserialize)]
 pub(super) struct RowPlaces {
     /// Places of the rows; no vertex takes their values.
     pub(super) places: Receivers,

@@ -17,6 +17,7 @@ use crate::evaluate::form::{read_error, write_error};
 use crate::evaluate::inter_reflection::{self, Outside};
 use crate::evaluate::memory;
 use crate::evaluate::single_scattering::Traced;
+use crate::evaluate::stage_cache::Key;
 use crate::evaluate::stages::{of_kinds, spread};
 use crate::evaluate::{
     AssetParts, BakeSettings, Capabilities, Evaluator, Forecast, Form, MaterialEdit, Model, ProfileEdit,
@@ -85,6 +86,10 @@ impl Form for Gathered {
         true
     }
 
+    fn divides(&self) -> bool {
+        self.environment.is_some()
+    }
+
     fn edits(&self, has: &dyn Fn(Tag) -> bool) -> Option<Capabilities> {
         let source_fields = environment_rows::source_fields(has);
         let profile = if has(calibration::tags::NUMBERS) { ProfileEdit::Calibrated } else { ProfileEdit::Any };
@@ -147,11 +152,20 @@ impl Form for Gathered {
         if let Some(error) = self.nets {
             let kernels = kernels(scene, calibrated.as_ref(), orders);
             let asked = (error, settings.probes.tuning.as_slice());
-            let quality = resolution(self, &surface, (&receivers, &kernels), asked, progress)?;
+            let key = |key: &mut Key| {
+                key.text(&format!("{self:?} {}", settings.max_rms)).samples(&samples);
+            };
+            let quality = settings
+                .cache
+                .common("nets", key, || resolution(self, &surface, (&receivers, &kernels), asked, progress))?;
             sections.extend(numbers(quality).to_sections().map_err(write_error)?);
-            ledger = measured(self, (scene, &samples, &sections), quality, &settings.probes.unseen, progress)?;
+            ledger = settings.cache.common("errors of nets", key, || {
+                measured(self, (scene, &samples, &sections), quality, &settings.probes.unseen, progress)
+            })?;
         }
         if let Some(rows) = environment {
+            environment_rows::ahead(&surface, (rows, self.sampling), settings, progress)?;
+            settings.cache.gather()?;
             let (place, how) = ((&surface, &receivers), (rows, self.sampling, self.near));
             sections.extend(environment_rows::bake(place, how, settings, &mut ledger, progress)?);
         }

@@ -135,8 +135,8 @@ fn measure(
         };
         Ok(indices.iter().map(value).collect())
     };
-    let values = |light: &Light, rays: &[DVec3]| {
-        let truth = work.transfer.towards(&some, &points.areas_mm2).under(rays);
+    let values = |_, light: &Light| {
+        let truth = work.transfer.towards(&some, &points.areas_mm2).under(&work.sampled.by_rays(light)?);
         let sampled = through(work, rows, light, &some)?;
         Ok([truth, sampled, of_rows(&whole, &everything, light)?, of_rows(&kept, &points.indices, light)?])
     };

@@ -7,4 +7,3 @@ mod first_order;
 pub(crate) use bake::{Folded, stored};
 pub(crate) use evaluate::{Opened, opened};
 pub use first_order::FirstOrder;
-pub(crate) use first_order::Folding;

@@ -53,7 +53,7 @@ const NO_GAIN: f64 = 0.97;
 const MOST_NEAR: f64 = 24.0;
 
 /// Accuracy of the sums against all pairs.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Quality {
     /// Asked relative error, RMS over the receivers.
     pub error: f64,

@@ -1,6 +1,9 @@
 //! Transport under spherical harmonics of the light at reference points, coded.
 
+use std::ops::Range;
+
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 use translux_format::distant_transport::{Harmonics as File, tags};
 use translux_format::quantised_lights::Set;
 
@@ -9,8 +12,9 @@ use super::moved::{irradiance, moves};
 use super::returned::{Returned, radiosity};
 use crate::compress::ledger::Ledger;
 use crate::compress::prediction::Net;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::evaluate::BakeSettings;
+use crate::evaluate::stage_cache::Key;
 use crate::evaluate::stages::worst;
 use crate::forms::baked_in::Stored;
 use crate::forms::distant::{Distant, MOST_ORDER, Work, under_suns, with_work};
@@ -20,13 +24,14 @@ use crate::forms::projected::reach::allowed;
 use crate::forms::projected::references::{in_ascending_order, in_order_of_rows, spacing, spatial_error, under};
 use crate::forms::sampled_scene::{GROUP, SampledScene, parts};
 use crate::forms::single_scattering::Folded;
+use crate::forms::truths::Truths;
 use crate::light::Light;
 use crate::light::harmonics::coefficients;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::many_lights::IrradianceRows;
 use crate::transport::near_rule::NearField;
-use crate::transport::receivers::ProbePoints;
+use crate::transport::receivers::{ProbePoints, Receivers};
 
 /// Shares of the asked error.
 const SPATIAL: f64 = 0.44;
@@ -68,31 +73,76 @@ struct AtReferences {
 }
 
 impl AtReferences {
+    /// Radiosities under the harmonics of an order; `truths` are computed ahead where several processes share the bake.
     fn new(
         (work, beside): (&Work, Beside),
-        points: &[u32],
-        rows: &IrradianceRows,
+        (points, order): (&[u32], usize),
+        truths: Option<&Truths>,
         progress: &dyn Progress,
     ) -> Result<Self> {
-        let values = in_ascending_order(points, 3 * rows.lights, |ascending| {
-            let receivers = work.sampled.receivers.only(ascending, GROUP);
-            let areas = vec![1.0; receivers.len()];
-            let mut values = work.transfer.towards(&receivers, &areas).radiosity(rows, progress).values;
+        let functions = order * order;
+        let chosen = |key: &mut Key| {
+            work.tell(key);
+            key.number(order as u64).rows(points);
+        };
+        let values = in_ascending_order(points, 3 * functions, |ascending| {
+            let chunks = chunks(&work.sampled.receivers, ascending);
+            let blocks = work.cache.blocks("transfer", chunks.len(), chosen);
+            let needs_rows = blocks.are_computed() || beside.returned.is_some();
+            let rows = match needs_rows {
+                true => work.cache.common("irradiance of harmonics", chosen, || {
+                    irradiance(work.sampled, (work.plan.resolution(), order), progress)
+                })?,
+                false => IrradianceRows::default(),
+            };
+            if let Some(truths) = truths {
+                truths.ahead(progress)?;
+                let shared = work.transfer.shared(&rows);
+                blocks.ahead(progress, |chunk| {
+                    let receivers = work.sampled.receivers.only(&ascending[chunks[chunk].clone()], GROUP);
+                    let areas = vec![1.0; receivers.len()];
+                    Ok(work.transfer.towards(&receivers, &areas).radiosity_of(&rows, &shared, &Silent).values)
+                })?;
+                work.cache.gather()?;
+            }
+            let mut values = Vec::with_capacity(ascending.len() * 3 * functions);
+            if blocks.are_computed() {
+                let receivers = work.sampled.receivers.only(ascending, GROUP);
+                let areas = vec![1.0; receivers.len()];
+                values = work.transfer.towards(&receivers, &areas).radiosity(&rows, progress).values;
+            } else {
+                for chunk in 0..chunks.len() {
+                    values.extend(blocks.get(chunk, || Err::<Vec<f32>, _>(Error::runtime("a block that is gone")))?);
+                }
+            }
             if let Some(returned) = beside.returned {
-                returned.add(work, rows, ascending, &mut values, progress);
+                returned.add(work, &rows, ascending, &mut values, progress);
             }
             if let Some(folded) = beside.folded {
-                folded.add(ascending, rows.lights.isqrt(), &mut values, progress);
+                folded.add(ascending, order, &mut values, progress);
             }
             Ok(values)
         })?;
-        Ok(Self { functions: rows.lights, values })
+        Ok(Self { functions, values })
     }
 
     /// Radiosity at the points under a light, from the first `order^2` harmonics.
     fn under(&self, light: &Light, order: usize) -> Result<Vec<DVec3>> {
         Ok(under(&self.values, self.functions, &coefficients(light, order)?))
     }
+}
+
+/// Blocks that receivers are cut into at most, which are computed one after another.
+const BLOCKS: usize = 64;
+
+/// Some ascending receivers in runs of whole groups.
+fn chunks(receivers: &Receivers, ascending: &[u32]) -> Vec<Range<usize>> {
+    let each = ascending.len().div_ceil(BLOCKS).next_multiple_of(GROUP).max(GROUP);
+    let of_part = |part: Range<usize>| {
+        let [first, end] = [part.start, part.end].map(|bound| ascending.partition_point(|&i| (i as usize) < bound));
+        (first..end).step_by(each).map(move |start| start..end.min(start + each))
+    };
+    parts(receivers).into_iter().flat_map(of_part).collect()
 }
 
 pub(super) fn harmonics(
@@ -103,27 +153,30 @@ pub(super) fn harmonics(
 ) -> Result<File> {
     let (sampled, plan) = (work.sampled, work.plan);
     let folded = Folded::new(work)?;
-    let Needed { order, reached } = needed(work, progress)?;
+    let tell = |key: &mut Key| work.tell(key);
+    let Needed { order, reached } = work.cache.common("order", tell, || needed(work, progress))?;
     // What the harmonics cannot reach is not worth the bytes of the other stages.
     let allowed = allowed(work.max_rms, reached);
     let spacing_mm = match plan.spacing.asked_mm(sampled) {
         Some(asked) => asked,
-        None => {
+        None => work.cache.common("spacing", tell, || {
             let under_suns = work.transfer.radiosity(suns, &Silent);
             let mut truth: Vec<Vec<DVec3>> = (0..suns.lights).map(|light| under_suns.under(light)).collect();
             folded.as_ref().map_or(Ok(()), |folded| folded.add_under_suns(&mut truth))?;
-            spacing(sampled, &truth, work.sun * SPATIAL * allowed)
-        }
+            Ok(spacing(sampled, &truth, work.sun * SPATIAL * allowed))
+        })?,
     };
     let net = Net::new(&sampled.points, &parts(&sampled.receivers), spacing_mm);
     let returned = Returned::new(work, progress);
     let beside = Beside { folded: folded.as_ref(), returned: returned.as_ref() };
-    let values = at_points((work, beside), &net.point, order, progress)?;
+    let truth = |light: &Light| Ok(radiosity(work, returned.as_ref(), &sampled.by_rays(light)?));
+    let truths = Truths::new(work.judges(), &truth, work.cache, tell);
+    let values = AtReferences::new((work, beside), (&net.point, order), Some(&truths), progress)?;
     progress.start("coding", 0);
     let set = coded(&values.values, order, &net, coding_error(allowed))?;
     let file = File { order: order as u32, spacing_mm, set };
     progress.finish();
-    measure((work, beside), (&net, &values, &file), ledger, progress)?;
+    measure((work, beside, &truths), (&net, &values, &file), ledger, progress)?;
     if let Some(entry) = ledger.entries.iter_mut().find(|entry| entry.stage == STAGE && reached > work.max_rms) {
         let least = 100.0 * reached;
         entry.note.push_str(&format!(
@@ -150,20 +203,9 @@ pub fn everywhere(
         let beside = Beside { folded: folded.as_ref(), returned: returned.as_ref() };
         let points: Vec<u32> = (0..work.sampled.points.len() as u32).collect();
         let order = needed(work, progress)?.order;
-        let values = at_points((work, beside), &points, order, progress)?;
+        let values = AtReferences::new((work, beside), (&points, order), None, progress)?;
         Ok((order, values.values))
     })
-}
-
-/// Radiosities of some points under the harmonics of an order.
-fn at_points(
-    (work, beside): (&Work, Beside),
-    points: &[u32],
-    order: usize,
-    progress: &dyn Progress,
-) -> Result<AtReferences> {
-    let rows = irradiance(work.sampled, (work.plan.resolution(), order), progress)?;
-    AtReferences::new((work, beside), points, &rows, progress)
 }
 
 /// Error allowed for coding in a bake at an asked error of `max_rms`: RMS over that of the rows, in units of channels
@@ -184,6 +226,7 @@ pub fn coded(values: &[f32], order: usize, net: &Net, error: f64) -> Result<Set>
 }
 
 /// An order of the harmonics, and what it reaches.
+#[derive(Serialize, Deserialize)]
 struct Needed {
     order: usize,
     /// Smallest error that a bake of this order could be asked for, as far as it was looked at.
@@ -238,7 +281,7 @@ struct UnderLight<'a> {
 
 /// Enters the error of each stage under lights that no choice saw.
 fn measure(
-    (work, beside): (&Work, Beside),
+    (work, beside, truths): (&Work, Beside, &Truths),
     (net, values, file): (&Net, &AtReferences, &File),
     ledger: &mut Ledger,
     progress: &dyn Progress,
@@ -256,8 +299,8 @@ fn measure(
         folded.map_or(Ok(()), |folded| folded.add_rays(light, &points.indices, &mut values))?;
         Ok(values)
     };
-    let values = |light, rays: &[DVec3]| {
-        let truth = radiosity(work, beside.returned, rays);
+    let values = |index, light| {
+        let truth = truths.under(index)?;
         let at_net = with_single(light, &points, &truth)?;
         let exact = of_rows(&values.under(light, file.order as usize)?);
         let lit = stored.light(std::slice::from_ref(light))?;

@@ -45,6 +45,10 @@ impl Form for Harmonics {
         Some(Capabilities::NONE)
     }
 
+    fn divides(&self) -> bool {
+        true
+    }
+
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
         let (samples, vertices) = (self.0.density.count(scene, settings.samples), scene.mesh.local_mm.len() as u64);
         let functions = self.0.order.unwrap_or(MOST_ORDER).pow(2) as u64;

@@ -16,7 +16,6 @@ use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::compress::prediction::Net;
 use crate::error::Result;
-use crate::evaluate::blocks::Blocks;
 use crate::evaluate::form::write_error;
 use crate::evaluate::stage_cache::Key;
 use crate::evaluate::stages::{of_kinds, spread, worst};
@@ -29,7 +28,7 @@ use crate::forms::projected::forecast::{Basis, forecast};
 use crate::forms::projected::reach::allowed;
 use crate::forms::projected::references::{in_ascending_order, in_order_of_rows, spacing, spatial_error, under};
 use crate::forms::sampled_scene::{GROUP, SampledScene, parts};
-use crate::forms::single_scattering::Folding;
+use crate::forms::truths::Truths;
 use crate::light::{Light, LightKind};
 use crate::math::statistics::VertexError;
 use crate::progress::{Progress, Silent};
@@ -167,8 +166,15 @@ impl Form for QuantisedLights {
                 key.text(&format!("{self:?} {allowed} {:?} {:?}", needed.directions, transfer.scheme()));
                 key.samples(&sampled.samples).rows(&net.point);
             };
-            let truths =
-                Truths::new((&sampled, &transfer, folding.as_ref()), served(&set, unseen), &settings.cache, chosen);
+            let served = served(&set, &unseen);
+            let truth = |light: &Light| -> Result<Vec<DVec3>> {
+                let mut truth = transfer.under(&sampled.by_rays(light)?);
+                if let Some(folding) = &folding {
+                    folding.add(light, &mut truth)?;
+                }
+                Ok(truth)
+            };
+            let truths = Truths::new(&served, &truth, &settings.cache, chosen);
             truths.ahead(progress)?;
             let ways = (&settings.cache, progress);
             let mut values = at_references(&sampled, &transfer, &set, (&net.point, ways), |under, receivers| {
@@ -211,7 +217,7 @@ impl Form for QuantisedLights {
             let mut ledger = Ledger::default();
             ledger.add("hierarchy", hierarchy, "against all pairs, on vertices that no tuning saw");
             let baked = (&set, &net, values.as_slice(), &file);
-            measure(&truths, baked, &needed, &mut ledger, progress)?;
+            measure((&sampled, &truths), baked, &needed, &mut ledger, progress)?;
             Ok(AssetParts::without_samples(scene, ledger, sections))
         })
     }
@@ -332,64 +338,23 @@ fn between_lights(
 }
 
 /// The lights among some that a set serves.
-fn served(set: &LightSet, lights: Vec<Light>) -> Vec<Light> {
+fn served(set: &LightSet, lights: &[Light]) -> Vec<Light> {
     let parallel = set.lights.shells.inverse().len() == 1;
-    of_kinds(&lights, if parallel { distant::KINDS } else { &LightKind::STORABLE })
-}
-
-/// Radiosity of every receiver under lights that no choice saw, by rays and sums.
-struct Truths<'a> {
-    sampled: &'a SampledScene<'a>,
-    transfer: &'a ManyLights<'a>,
-    folding: Option<&'a Folding<'a>>,
-    lights: Vec<Light>,
-    blocks: Blocks<'a>,
-}
-
-impl<'a> Truths<'a> {
-    fn new(
-        (sampled, transfer, folding): (&'a SampledScene<'a>, &'a ManyLights<'a>, Option<&'a Folding<'a>>),
-        lights: Vec<Light>,
-        cache: &'a StageCache,
-        chosen: impl FnOnce(&mut Key),
-    ) -> Self {
-        let blocks = cache.blocks("unseen lights", lights.len(), chosen);
-        Self { sampled, transfer, folding, lights, blocks }
-    }
-
-    /// Computes those of this process where several share the bake.
-    fn ahead(&self, progress: &dyn Progress) -> Result<()> {
-        self.blocks.ahead(progress, |light| self.computed(light))
-    }
-
-    /// The truth under one of the lights.
-    fn under(&self, light: usize) -> Result<Vec<DVec3>> {
-        Ok(self.blocks.get(light, || self.computed(light))?.into_iter().map(DVec3::from_array).collect())
-    }
-
-    fn computed(&self, light: usize) -> Result<Vec<[f64; 3]>> {
-        let light = &self.lights[light];
-        let mut truth = self.transfer.under(&self.sampled.by_rays(light)?);
-        if let Some(folding) = self.folding {
-            folding.add(light, &mut truth)?;
-        }
-        Ok(truth.iter().map(DVec3::to_array).collect())
-    }
+    of_kinds(lights, if parallel { distant::KINDS } else { &LightKind::STORABLE })
 }
 
 /// Enters the error of each stage under lights that no choice saw.
 fn measure(
-    truths: &Truths,
+    (sampled, truths): (&SampledScene, &Truths),
     (set, net, values, file): (&LightSet, &Net, &[f32], &File),
     needed: &Needed,
     ledger: &mut Ledger,
     progress: &dyn Progress,
 ) -> Result<()> {
-    let sampled = truths.sampled;
     let transport = transport(file, sampled.scene, &sampled.receivers, set)?;
     let points = sampled.probes(net.point.clone());
-    progress.start("errors", truths.lights.len() as u64);
-    let errors = worst(truths.lights.iter().enumerate(), |(index, light)| {
+    progress.start("errors", truths.lights().len() as u64);
+    let errors = worst(truths.lights().iter().enumerate(), |(index, &light)| {
         progress.advance(1);
         let truth = truths.under(index)?;
         let between = interpolated(set, values, light)?;
