@@ -178,8 +178,11 @@ fn shard(args: &BakeArgs, what: What, request: &str, console: &Console) -> Resul
             ));
         }
     }
+    if args.output == Path::new("-") {
+        return Err(Error::command_line("-o -: a shard needs a file"));
+    }
     let inputs = rebuild::inputs(&args.model)?;
-    let Some(computed) = Computed::new(&args.shards, (request, &inputs))? else {
+    let Some(computed) = Computed::new(&args.shards, &args.output, (request, &inputs))? else {
         return Err(Error::runtime("a bake without shards has none"));
     };
     let stages = StageCache::default().divided(computed.clone());

@@ -14,7 +14,6 @@ use crate::asset::ALGORITHM_REVISION;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::division::{Division, Keep, Shard};
 use crate::import::file::Input;
-use crate::io::atomic;
 use crate::io::bundle::{Bundle, Extent, OpenBundle};
 use crate::math::machine::Machine;
 use crate::report::text::megabytes;
@@ -208,10 +207,11 @@ pub(super) struct Computed {
     state: Mutex<State>,
 }
 
-#[derive(Default)]
 struct State {
-    bundle: Bundle,
+    bundle: Option<Bundle>,
     entries: Vec<Entry>,
+    /// What kept a result from being written.
+    failed: Option<Error>,
     is_done: bool,
 }
 
@@ -220,10 +220,14 @@ impl Computed {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn add(&self, stage: &'static str, name: &[u8; 32], block: Option<usize>, bytes: &[u8]) {
+    fn add(&self, stage: &'static str, name: &[u8; 32], block: Option<usize>, bytes: &[u8]) -> Result<()> {
         let mut state = self.state();
-        let at = state.bundle.add(bytes);
+        let Some(bundle) = &mut state.bundle else {
+            return Err(Error::runtime("a shard that is complete takes no more"));
+        };
+        let at = bundle.add(bytes)?;
         state.entries.push(Entry { stage: stage.to_owned(), name: hex(name), block, at });
+        Ok(())
     }
 }
 
@@ -235,7 +239,9 @@ impl Keep for Computed {
     }
 
     fn put(&self, stage: &'static str, name: &[u8; 32], bytes: &[u8]) {
-        self.add(stage, name, None, bytes);
+        if let Err(error) = self.add(stage, name, None, bytes) {
+            self.state().failed.get_or_insert(error);
+        }
     }
 }
 
@@ -249,8 +255,7 @@ impl Division for Computed {
     }
 
     fn leave(&self, stage: &'static str, name: &[u8; 32], block: usize, bytes: &[u8]) -> Result<()> {
-        self.add(stage, name, Some(block), bytes);
-        Ok(())
+        self.add(stage, name, Some(block), bytes)
     }
 
     fn has(&self, _: &'static str, _: &[u8; 32]) -> bool {
@@ -375,7 +380,11 @@ pub(super) struct ShardReport {
 
 impl Computed {
     /// A shard that the options ask for, of a request and its files.
-    pub(super) fn new(options: &ShardOptions, (request, inputs): (&str, &[Input])) -> Result<Option<Arc<Self>>> {
+    pub(super) fn new(
+        options: &ShardOptions,
+        output: &Path,
+        (request, inputs): (&str, &[Input]),
+    ) -> Result<Option<Arc<Self>>> {
         let Some(shard) = options.shard else { return Ok(None) };
         let before = options.from_shard.as_deref().map(ShardFile::open).transpose()?;
         if let Some(before) = &before
@@ -383,7 +392,8 @@ impl Computed {
         {
             return Err(Error::input(format!("--from-shard: not of this bake: {why}")).in_file(&before.path));
         }
-        Ok(Some(Arc::new(Self { shard, before, state: Mutex::default() })))
+        let state = State { bundle: Some(Bundle::begin(output)?), entries: Vec::new(), failed: None, is_done: false };
+        Ok(Some(Arc::new(Self { shard, before, state: Mutex::new(state) })))
     }
 
     /// True if all of its blocks are there, and the bake ended for that reason.
@@ -399,21 +409,23 @@ impl Computed {
         (request, inputs): (&str, &[Input]),
         console: &Console,
     ) -> Result<ExitCode> {
-        let State { bundle, entries, .. } = std::mem::take(&mut *self.state());
+        let (bundle, entries) = {
+            let mut state = self.state();
+            if let Some(error) = state.failed.take() {
+                return Err(error);
+            }
+            (state.bundle.take(), std::mem::take(&mut state.entries))
+        };
+        let Some(bundle) = bundle else { return Err(Error::runtime("a shard is written twice")) };
         let blocks = entries.iter().filter(|entry| entry.block.is_some()).count();
         let Shard { index, count } = self.shard;
         let (schema, options) = (SCHEMA.to_owned(), options.options.clone());
         let manifest = Manifest { schema, identity: Identity::new(request, inputs, count), index, options, entries };
         let text = serde_json::to_string(&manifest).map_err(|e| Error::runtime(format!("shard: {e}")))?;
-        let bytes = bundle.finish(&text);
-        console.stage("write", || atomic::write(output, &bytes))?;
-        let shard = self.shard;
-        console.note(&format!(
-            "SHARD {shard}: {blocks} blocks, {} in {}",
-            megabytes(bytes.len() as u64),
-            output.display()
-        ));
-        let (shard, shards, bytes) = (index + 1, count, bytes.len() as u64);
+        let bytes = console.stage("write", || bundle.finish(&text))?;
+        let (shard, place) = (self.shard, output.display());
+        console.note(&format!("SHARD {shard}: {blocks} blocks, {} in {place}", megabytes(bytes)));
+        let (shard, shards) = (index + 1, count);
         console.report("bake", &ShardReport { output: output.to_owned(), shard, shards, blocks, bytes })
     }
 }

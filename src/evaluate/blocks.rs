@@ -233,7 +233,9 @@ mod tests {
     fn what_all_need_is_computed_once() {
         let cache = StageCache::default().divided(Arc::new(Left::default()));
         let get = |cache: &StageCache, input: u64, made: Result<(f64, Vec<u32>)>| {
-            let key = |key: &mut Key| drop(key.number(input));
+            let key = |key: &mut Key| {
+                key.number(input);
+            };
             cache.common("tuning", key, || made)
         };
         let failed = || Err(Error::runtime("made again"));

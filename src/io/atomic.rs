@@ -30,28 +30,74 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
         };
     }
     let target = target(path)?;
-    let fail = |e: std::io::Error| Error::io(path, &e);
     if is_special(&target) {
+        let fail = |e: std::io::Error| Error::io(path, &e);
         let mut file = std::fs::OpenOptions::new().write(true).open(&target).map_err(fail)?;
         return file.write_all(bytes).map_err(fail);
     }
-    let folder = folder(&target);
-    remove_stale(folder);
-    // Listed before anybody else can look: an interrupt between the two would leave the file.
-    let mut unfinished = lock();
-    let mut file = temporary(folder).map_err(plain).map_err(fail)?;
-    let temporary = file.path().to_path_buf();
-    unfinished.push(temporary.clone());
-    drop(unfinished);
-    let result = (|| {
-        file.write_all(bytes)?;
-        file.as_file().sync_all()?;
-        set_mode(file.as_file(), &target)?;
-        file.persist(&target).map_err(|e| e.error)?;
-        Ok(())
-    })();
-    lock().retain(|p| p != &temporary);
-    result.map_err(fail)
+    let mut writing = Writing::begin(path)?;
+    writing.add(bytes)?;
+    writing.finish()
+}
+
+/// A file that is written bit by bit and appears when it is complete; dropped before, it never was.
+#[derive(Debug)]
+pub struct Writing {
+    file: Option<tempfile::NamedTempFile>,
+    path: PathBuf,
+    target: PathBuf,
+    temporary: PathBuf,
+}
+
+impl Writing {
+    /// Begins a file.
+    ///
+    /// # Errors
+    /// I/O errors with the path.
+    pub fn begin(path: &Path) -> Result<Self> {
+        let target = target(path)?;
+        let folder = folder(&target);
+        remove_stale(folder);
+        // Listed before anybody else can look: an interrupt between the two would leave the file.
+        let mut unfinished = lock();
+        let file = temporary(folder).map_err(|e| Error::io(path, &plain(e)))?;
+        let temporary = file.path().to_path_buf();
+        unfinished.push(temporary.clone());
+        drop(unfinished);
+        Ok(Self { file: Some(file), path: path.to_path_buf(), target, temporary })
+    }
+
+    /// Adds bytes at the end.
+    ///
+    /// # Errors
+    /// I/O errors with the path.
+    pub fn add(&mut self, bytes: &[u8]) -> Result<()> {
+        match &mut self.file {
+            Some(file) => file.write_all(bytes).map_err(|e| Error::io(&self.path, &e)),
+            None => Ok(()),
+        }
+    }
+
+    /// Puts the file in place when all bytes are on disk.
+    ///
+    /// # Errors
+    /// I/O errors with the path.
+    pub fn finish(mut self) -> Result<()> {
+        let Some(file) = self.file.take() else { return Ok(()) };
+        let done = (|| {
+            file.as_file().sync_all()?;
+            set_mode(file.as_file(), &self.target)?;
+            file.persist(&self.target).map_err(|e| e.error).map(drop)
+        })();
+        done.map_err(|e| Error::io(&self.path, &e))
+    }
+}
+
+impl Drop for Writing {
+    fn drop(&mut self) {
+        drop(self.file.take());
+        lock().retain(|path| path != &self.temporary);
+    }
 }
 
 /// Checks that a file could be written, before the work that fills it: a file is made in its folder and removed.

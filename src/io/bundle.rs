@@ -7,6 +7,7 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
+use super::atomic::Writing;
 use crate::error::{Error, Result};
 
 /// First bytes.
@@ -29,31 +30,45 @@ pub struct Extent {
     pub blake3: String,
 }
 
-/// A file that is being filled, in memory.
+/// A file that is being filled.
 #[derive(Debug)]
-pub struct Bundle(Vec<u8>);
-
-impl Default for Bundle {
-    fn default() -> Self {
-        Self(MAGIC.to_vec())
-    }
+pub struct Bundle {
+    file: Writing,
+    length: u64,
 }
 
 impl Bundle {
-    /// Adds a result.
-    pub fn add(&mut self, bytes: &[u8]) -> Extent {
-        let (offset, length) = (self.0.len() as u64, bytes.len() as u64);
-        self.0.extend_from_slice(bytes);
-        Extent { offset, length, blake3: blake3::hash(bytes).to_hex().to_string() }
+    /// Begins a file.
+    ///
+    /// # Errors
+    /// I/O errors with the path.
+    pub fn begin(path: &Path) -> Result<Self> {
+        let mut file = Writing::begin(path)?;
+        file.add(MAGIC)?;
+        Ok(Self { file, length: MAGIC.len() as u64 })
     }
 
-    /// The bytes of the file, whose results a text tells of.
-    pub fn finish(self, text: &str) -> Vec<u8> {
-        let mut bytes = self.0;
-        bytes.extend_from_slice(text.as_bytes());
-        bytes.extend((text.len() as u64).to_le_bytes());
-        bytes.extend(blake3::hash(text.as_bytes()).as_bytes());
-        bytes
+    /// Adds a result.
+    ///
+    /// # Errors
+    /// I/O errors with the path.
+    pub fn add(&mut self, bytes: &[u8]) -> Result<Extent> {
+        self.file.add(bytes)?;
+        let (offset, length) = (self.length, bytes.len() as u64);
+        self.length += length;
+        Ok(Extent { offset, length, blake3: blake3::hash(bytes).to_hex().to_string() })
+    }
+
+    /// Completes the file, whose results a text tells of; its length.
+    ///
+    /// # Errors
+    /// I/O errors with the path.
+    pub fn finish(mut self, text: &str) -> Result<u64> {
+        self.file.add(text.as_bytes())?;
+        self.file.add(&(text.len() as u64).to_le_bytes())?;
+        self.file.add(blake3::hash(text.as_bytes()).as_bytes())?;
+        self.file.finish()?;
+        Ok(self.length + text.len() as u64 + TAIL)
     }
 }
 
@@ -122,10 +137,12 @@ mod tests {
     fn results_come_back_unless_they_are_changed() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.shard");
-        let mut bundle = Bundle::default();
-        let extents = [&b"first"[..], b"", b"third"].map(|bytes| bundle.add(bytes));
-        let bytes = bundle.finish("what they are");
-        std::fs::write(&path, &bytes).unwrap();
+        let mut bundle = Bundle::begin(&path).unwrap();
+        let extents = [&b"first"[..], b"", b"third"].map(|bytes| bundle.add(bytes).unwrap());
+        assert!(!path.exists());
+        let length = bundle.finish("what they are").unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        assert_eq!(bytes.len() as u64, length);
         let (open, text) = OpenBundle::open(&path).unwrap();
         assert_eq!(text, "what they are");
         let read = |open: &OpenBundle, index: usize| open.read(&extents[index]).unwrap();

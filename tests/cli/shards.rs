@@ -6,40 +6,40 @@ use crate::common::Folder;
 
 /// Bakes that have something to share, on a small model.
 const BAKES: [&str; 5] = [
-    "--material skin1 --method quantized_lights --samples 500 --set lights=200 --set shells=1",
-    "--material skin1 --method all_frequency --samples 500 --set coefficients=25",
-    "--material skin1 --method all_frequency --samples 500 --model calibrated --photons 2048 --set coefficients=16 --set inter-reflection=1 --set inter-reflection-rays=16",
-    "--material marble --method editable --samples 400 --set transport=stored --set coefficients=16",
-    "--material skin1 --method editable --samples 400 --set coefficients=16",
+    "--material skin1 --method quantized_lights --samples 300 --set lights=200 --set shells=1",
+    "--material skin1 --method all_frequency --samples 300 --set coefficients=25",
+    "--material skin1 --method all_frequency --samples 300 --model calibrated --photons 2048 --set coefficients=16 --set inter-reflection=1 --set inter-reflection-rays=16",
+    "--material marble --method editable --samples 200 --set transport=stored --set coefficients=16",
+    "--material skin1 --method editable --samples 200 --set coefficients=16",
 ];
 
 fn folder() -> Folder {
     let folder = Folder::new();
-    folder.obj("head.obj", &shapes::bumpy_head(1.0, 3));
+    folder.obj("head.obj", &shapes::bumpy_head(1.0, 2));
     folder
 }
 
 #[test]
 fn shards_put_together_are_the_whole_bake() {
     let folder = folder();
-    for bake in BAKES {
+    for (index, bake) in BAKES.into_iter().enumerate() {
         let line = format!("bake head.obj --size-mm 20 {bake} -q");
         folder.run(&format!("{line} -o whole.tlux")).ok();
         // On other numbers of threads, and in any order.
-        folder.run(&format!("{line} --shard 2/3 --threads 1 -o 2.shard")).ok();
-        let report = folder.run(&format!("{line} --shard 1/3 --threads 2 -o 1.shard --json")).ok().json();
-        assert_eq!((report["shard"].as_u64(), report["shards"].as_u64()), (Some(1), Some(3)), "{report}");
+        let report = folder.run(&format!("{line} --shard 2/2 --threads 1 -o 2.shard --json")).ok().json();
+        assert_eq!((report["shard"].as_u64(), report["shards"].as_u64()), (Some(2), Some(2)), "{report}");
         assert!(report["blocks"].as_u64().unwrap() > 0, "{bake}: {report}");
-        folder.run(&format!("{line} --shard 3/3 --from-shard 1.shard -o 3.shard")).ok();
-        folder.run("merge 3.shard 1.shard 2.shard -o merged.tlux -q").ok();
+        folder.run(&format!("{line} --shard 1/2 --from-shard 2.shard --threads 2 -o 1.shard")).ok();
+        folder.run("merge 2.shard 1.shard -o merged.tlux -q").ok();
         assert!(folder.read("merged.tlux") == folder.read("whole.tlux"), "{bake}");
-        // What one shard has for all is not in another.
-        let [first, third] = ["1.shard", "3.shard"].map(|name| folder.read(name).len());
-        assert!(third < first, "{bake}: {third} {first}");
-        // One that failed is baked again alone, to the same bytes.
-        let before = folder.read("2.shard");
-        folder.run(&format!("{line} --shard 2/3 --threads 2 -o 2.shard")).ok();
-        assert!(folder.read("2.shard") == before, "{bake}");
+        // One that failed is baked again alone, to the same bytes; what one shard has for all is not in another.
+        if index < 2 {
+            let before = folder.read("1.shard");
+            folder.run(&format!("{line} --shard 1/2 --from-shard 2.shard --threads 1 -o 1.shard")).ok();
+            assert!(folder.read("1.shard") == before, "{bake}");
+            folder.run(&format!("{line} --shard 1/2 -o 1.shard")).ok();
+            assert!(folder.read("1.shard").len() > before.len(), "{bake}");
+        }
     }
 }
 
@@ -55,11 +55,11 @@ fn one_shard_and_more_than_there_are_blocks_are_the_whole_bake_too() {
     // From a file of options.
     std::fs::write(folder.path("bake.toml"), format!("input = \"head.obj\"\nsize-mm = 20\n{}", options(BAKES[1])))
         .unwrap();
-    folder.run("bake --config bake.toml -q --shard 1/80 -o many1.shard").ok();
-    let all: Vec<String> = (1..=80).map(|i| format!("many{i}.shard")).collect();
+    folder.run("bake --config bake.toml -q --shard 1/30 -o many1.shard").ok();
+    let all: Vec<String> = (1..=30).map(|i| format!("many{i}.shard")).collect();
     for (index, name) in all.iter().enumerate().skip(1) {
         folder
-            .run(&format!("bake --config bake.toml -q --shard {}/80 --from-shard many1.shard -o {name}", index + 1))
+            .run(&format!("bake --config bake.toml -q --shard {}/30 --from-shard many1.shard -o {name}", index + 1))
             .ok();
     }
     folder.run(&format!("merge {} -o merged.tlux -q", all.join(" "))).ok();
@@ -110,7 +110,7 @@ fn what_does_not_belong_together_is_named() {
     folder.run(&format!("{merge} 1of2.shard head.obj {to}")).fails(3, &["head.obj: no shard of a bake"]);
     folder.run(&format!("{merge} 1of2.shard none.shard {to}")).fails(2, &["none.shard"]);
     // The model has changed since.
-    folder.obj("head.obj", &shapes::bumpy_head(1.01, 3));
+    folder.obj("head.obj", &shapes::bumpy_head(1.01, 2));
     let stale = ["1of2.shard: not what this bake is now", "head.obj"];
     folder.run(&format!("{merge} 1of2.shard 2of2.shard {to}")).fails(3, &stale);
     assert!(!folder.path("merged.tlux").exists());
