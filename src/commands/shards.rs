@@ -353,7 +353,7 @@ impl Division for Merged {
         match self.files.iter().find_map(|file| Some((file, file.blocks.get(&key)?))) {
             Some((file, at)) => file.read(stage, at),
             None => {
-                let of_it = self.files.iter().find(|file| file.shard().has(block)).or(self.files.first());
+                let of_it = self.files.iter().find(|file| file.shard().has(stage, block)).or(self.files.first());
                 let error = Error::input(format!("block {block} of `{stage}` is not in it: bake it again"));
                 Err(of_it.map_or(error.clone(), |file| error.in_file(&file.path)))
             }

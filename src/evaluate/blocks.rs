@@ -76,7 +76,7 @@ impl Blocks<'_> {
     pub fn ahead<T: Pod>(&self, progress: &dyn Progress, make: impl Fn(usize) -> Result<Vec<T>>) -> Result<()> {
         let Some(division) = self.cache.division() else { return Ok(()) };
         let Some(shard) = division.shard() else { return Ok(()) };
-        let own: Vec<usize> = (0..self.count).filter(|block| shard.has(*block)).collect();
+        let own: Vec<usize> = (0..self.count).filter(|block| shard.has(self.stage, *block)).collect();
         progress.start(self.stage, own.len() as u64);
         for block in own {
             division.leave(self.stage, &self.name, block, bytemuck::cast_slice(&make(block)?))?;

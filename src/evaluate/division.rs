@@ -16,9 +16,11 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// Returns whether a block is computed by this process: every block by one. Neighbours, which take about as long, go to different ones.
-    pub fn has(self, block: usize) -> bool {
-        block % self.count.max(1) as usize == self.index as usize
+    /// Returns whether a block of a stage is computed by this process: every block by one. Neighbours, which take about as long, go to
+    /// different ones, and stages of a single block too.
+    pub fn has(self, stage: &str, block: usize) -> bool {
+        let first = stage.bytes().fold(0u32, |sum, byte| sum.wrapping_mul(31).wrapping_add(byte.into()));
+        (block as u64 + u64::from(first)) % u64::from(self.count.max(1)) == u64::from(self.index)
     }
 }
 
