@@ -13,13 +13,10 @@ use crate::geometry::mesh::{Scale, UpAxis};
 use crate::geometry::parts::PartsRule;
 use crate::import::materials::MaterialChoice;
 use crate::import::{FAULT_NOTE, ImportOptions, Imported, Source};
-use crate::measure::between_vertices::between_vertices;
+use crate::measure::between_vertices::too_coarse;
 use crate::medium::inversion::Reflector;
 use crate::report::text::{percent, significant};
 use crate::transport::calibration::any_is_closed;
-
-/// Error between vertices from which on it is told.
-const WORTH_A_WARNING: f64 = 0.05;
 
 /// A model and what it is made of.
 #[derive(Clone, Debug, Args)]
@@ -96,18 +93,16 @@ pub(super) fn import(mut source: Source, options: &ImportOptions, console: &Cons
     }
     imported.check.faults().iter().for_each(|fault| console.fault(fault));
     imported.check.warnings().iter().for_each(|warning| console.warn(warning));
-    if imported.check.may_be_coarse() {
-        let error = between_vertices(&imported.scene, console)?;
-        if error.rms > WORTH_A_WARNING {
-            let [rms, worst] = [error.rms, error.worst].map(percent);
-            let fault = format!(
-                "what is drawn between vertices, linear over each triangle, is {rms} off at centroids and mid-edges (worst {worst}), under \
-                 a few probe lights: refine the mesh, or render with --exitance pixels"
-            );
-            console.fault(&fault);
-            // An asset keeps it, so that whoever validates that knows of it; the last note tells how components became parts.
-            imported.origin.notes.insert(0, format!("{FAULT_NOTE}{fault}"));
-        }
+    if let Some(error) = too_coarse(&imported.scene, None, console)? {
+        let [rms, worst] = [error.rms, error.worst].map(percent);
+        let fault = format!(
+            "what is drawn between vertices, linear over each triangle, is {rms} off at centroids and mid-edges (worst {worst}), under a \
+             few probe lights: pictures of methods that gather at run time (--method editable) take the exitance at each pixel; others need \
+             a finer mesh"
+        );
+        console.fault(&fault);
+        // An asset keeps it, so that whoever validates that knows of it; the last note tells how components became parts.
+        imported.origin.notes.insert(0, format!("{FAULT_NOTE}{fault}"));
     }
     imported.warnings.iter().for_each(|warning| console.warn(warning));
     tell_from_file(&imported.from_file, console);
