@@ -81,7 +81,7 @@ impl Coarseness {
                 "exitance at pixels: {off}; --exitance vertices takes less time"
             )),
             ExitanceAt::Vertices => console.fault(&format!(
-                "{}: the transport in this asset ends at its vertices; bake a finer mesh, or with --method editable, whose pictures take \
+                "{}: the transport in this asset ends at its vertices; bake with --refine auto, or with --method editable, whose pictures take \
                  the exitance at each pixel",
                 off.replace("would be", "is")
             )),
