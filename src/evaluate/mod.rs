@@ -5,6 +5,7 @@ pub mod capabilities;
 pub mod device;
 pub mod evaluator;
 pub mod exitance;
+pub mod finer;
 pub mod forecast;
 pub mod form;
 pub(crate) mod forward;
