@@ -153,13 +153,16 @@ fn refine_mesh(imported: &mut Imported, how: Refine, console: &Console) -> Resul
             Refine::EdgesMm(_) => "bake with --refine auto or a shorter length",
             Refine::Auto => "no finer mesh within what --refine auto may make is much better; bake a finer model",
         };
-        let fault = format!(
+        let what = format!(
             "what is drawn between vertices, linear over each triangle, is {rms} off at centroids and mid-edges (worst {worst}), under a \
-             few probe lights: {finer}, or with a method that gathers at run time (--method editable), whose pictures take the exitance at \
-             each pixel"
+             few probe lights"
         );
-        console.fault(&fault);
-        imported.origin.notes.insert(0, format!("{FAULT_NOTE}{fault}"));
+        console.fault(&format!(
+            "{what}: {finer}, or with a method that gathers at run time (--method editable), whose pictures take the exitance at each pixel"
+        ));
+        // As assets of this revision of the algorithms have it, whose bytes stay.
+        let kept = format!("{what}: refine the mesh, or render with --exitance pixels");
+        imported.origin.notes.insert(0, format!("{FAULT_NOTE}{kept}"));
     }
     Ok(())
 }

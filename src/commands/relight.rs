@@ -15,8 +15,8 @@ use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::finer::Finer;
 use crate::evaluate::summed::Summed;
 use crate::evaluate::{Evaluator, Registry, SingleScattering};
-use crate::measure::between_vertices::too_coarse;
-use crate::measure::refine::{Refine, RefinedScene, refine};
+use crate::measure::between_vertices::{TOO_COARSE, too_coarse};
+use crate::measure::refine::{RefinedScene, refine_until};
 use crate::progress::Progress;
 use crate::relight::choice::{DeviceChoice, place};
 use crate::relight::headless::{self, Animation, MAX_FRAMES, SAMPLES_PER_PIXEL};
@@ -110,7 +110,8 @@ fn finer(
     if device == DeviceChoice::Gpu || !keeps_single || !registry.form(asset)?.serves_points() {
         return Ok(None);
     }
-    Ok(refine(evaluator.scene(), Refine::Auto, progress)?.map(Arc::new))
+    // Frames wait for each vertex: no more of them than a mesh is accepted with.
+    Ok(refine_until(evaluator.scene(), TOO_COARSE, progress)?.map(Arc::new))
 }
 
 /// Tells what is shown of a coarse mesh.

@@ -102,10 +102,18 @@ pub fn refine(scene: &Scene, how: Refine, progress: &dyn Progress) -> Result<Opt
     match how {
         Refine::Off => Ok(None),
         Refine::EdgesMm(mm) => stage(progress, "refine", || to_length(scene, mm)),
-        Refine::Auto => match too_coarse(scene, None, progress)? {
-            None => Ok(None),
-            Some(before) => stage(progress, "refine", || as_needed(scene, before)),
-        },
+        Refine::Auto => refine_until(scene, GOOD, progress),
+    }
+}
+
+/// Refines a scene that is too coarse until its error between vertices is at most `good`; none where it is not too coarse.
+///
+/// # Errors
+/// Failures of the measurement.
+pub fn refine_until(scene: &Scene, good: f64, progress: &dyn Progress) -> Result<Option<RefinedScene>> {
+    match too_coarse(scene, None, progress)? {
+        None => Ok(None),
+        Some(before) => stage(progress, "refine", || as_needed(scene, before, good)),
     }
 }
 
@@ -121,7 +129,7 @@ fn to_length(scene: &Scene, mm: f64) -> Result<Option<RefinedScene>> {
 }
 
 /// The coarsest scene whose error is good; where none is, the coarsest of those that are hardly worse than the best.
-fn as_needed(scene: &Scene, before: VertexError) -> Result<Option<RefinedScene>> {
+fn as_needed(scene: &Scene, before: VertexError, good: f64) -> Result<Option<RefinedScene>> {
     let diffusion_mm: Vec<f64> =
         scene.media.iter().map(|medium| medium.properties.diffusion_length_mm().min_element()).collect();
     let shortest_mm = diffusion_mm.iter().copied().fold(f64::INFINITY, f64::min);
@@ -140,7 +148,7 @@ fn as_needed(scene: &Scene, before: VertexError) -> Result<Option<RefinedScene>>
     let mut best: Option<RefinedScene> = None;
     let mut rung = 0;
     while let Some(found) = (rung <= FINEST).then(|| at(rung)).transpose()?.flatten() {
-        let is_good = rms(&found) <= GOOD;
+        let is_good = rms(&found) <= good;
         if best.as_ref().is_none_or(|best| is_good || rms(&found) < WORTH * rms(best)) {
             best = Some(found);
         }
@@ -151,7 +159,7 @@ fn as_needed(scene: &Scene, before: VertexError) -> Result<Option<RefinedScene>>
     }
     // The diffusion length itself may be finer than what is needed, or more triangles than are allowed.
     while let Some(coarser) = (rung <= 0 && rung > COARSEST).then(|| at(rung - 1)).transpose()?.flatten() {
-        if best.is_some() && rms(&coarser) > GOOD {
+        if best.is_some() && rms(&coarser) > good {
             break;
         }
         best = Some(coarser);
