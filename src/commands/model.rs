@@ -14,7 +14,7 @@ use crate::geometry::parts::PartsRule;
 use crate::import::materials::MaterialChoice;
 use crate::import::{FAULT_NOTE, ImportOptions, Imported, REFINED_NOTE, Source};
 use crate::measure::between_vertices::too_coarse;
-use crate::measure::refine::{MOST_AUTO, Refine, refine};
+use crate::measure::refine::{Goal, Refine, refine};
 use crate::medium::inversion::Reflector;
 use crate::report::text::{percent, significant};
 use crate::transport::calibration::any_is_closed;
@@ -140,7 +140,7 @@ fn refine_mesh(imported: &mut Imported, how: Refine, console: &Console) -> Resul
             note.push_str(&format!("; light between vertices is {after} off, where it was {before}"));
         }
         if refined.is_short() {
-            note.push_str(&format!(", and not better with up to {MOST_AUTO} triangles"));
+            note.push_str(&format!(", and not better with up to {} triangles", Goal::BAKED.most_triangles));
         }
         console.note(&format!("{REFINED_NOTE}{note}"));
         imported.origin.notes.insert(0, format!("{REFINED_NOTE}{note}"));

@@ -15,8 +15,8 @@ use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::finer::Finer;
 use crate::evaluate::summed::Summed;
 use crate::evaluate::{Evaluator, Registry, SingleScattering};
-use crate::measure::between_vertices::{TOO_COARSE, too_coarse};
-use crate::measure::refine::{RefinedScene, refine_until};
+use crate::measure::between_vertices::too_coarse;
+use crate::measure::refine::{Goal, RefinedScene, refine_until};
 use crate::progress::Progress;
 use crate::relight::choice::{DeviceChoice, place};
 use crate::relight::headless::{self, Animation, MAX_FRAMES, SAMPLES_PER_PIXEL};
@@ -110,8 +110,7 @@ fn finer(
     if device == DeviceChoice::Gpu || !keeps_single || !registry.form(asset)?.serves_points() {
         return Ok(None);
     }
-    // Frames wait for each vertex: no more of them than a mesh is accepted with.
-    Ok(refine_until(evaluator.scene(), TOO_COARSE, progress)?.map(Arc::new))
+    Ok(refine_until(evaluator.scene(), Goal::SHOWN, progress)?.map(Arc::new))
 }
 
 /// Tells what is shown of a coarse mesh.
@@ -119,7 +118,8 @@ fn tell(shown: &Shown, evaluator: &dyn Evaluator, console: &Console) -> Result<(
     let scene = evaluator.scene();
     match shown {
         Some(refined) => console.note(&format!(
-            "{} triangles are shown as {}: light between the vertices of the asset is not linear",
+            "{} triangles are shown as {}, since light between the vertices of the asset is not linear; a bake with --refine auto has \
+             faster frames",
             scene.mesh.triangles.len(),
             refined.scene.mesh.triangles.len()
         )),

@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use glam::Vec3;
 
-use super::between_vertices::{between_vertices, too_coarse};
+use super::between_vertices::{TOO_COARSE, between_vertices, too_coarse};
 use crate::error::{Error, Result};
 use crate::geometry::edge_split::{Split, split_long_edges};
 use crate::geometry::mesh::Mesh;
@@ -17,11 +17,22 @@ use crate::progress::{Progress, Silent, stage};
 use crate::render::normals::ShadingNormals;
 use crate::scene::Scene;
 
-/// Error between vertices that [`Refine::Auto`] aims at.
-const GOOD: f64 = 0.02;
+/// What a refinement aims at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Goal {
+    /// Error between the vertices.
+    pub rms: f64,
+    /// Triangles that are made for it at most.
+    pub most_triangles: usize,
+}
 
-/// Triangles of a scene that [`Refine::Auto`] makes at most.
-pub const MOST_AUTO: usize = 1 << 20;
+impl Goal {
+    /// Of [`Refine::Auto`].
+    pub const BAKED: Self = Self { rms: 0.02, most_triangles: 1 << 20 };
+
+    /// Of frames, which wait for light at every vertex: what a mesh is accepted with.
+    pub const SHOWN: Self = Self { rms: TOO_COARSE, most_triangles: 1 << 16 };
+}
 
 /// Triangles of a scene with edges of an asked length.
 const MOST_ASKED: usize = 1 << 22;
@@ -86,7 +97,7 @@ pub struct RefinedScene {
 impl RefinedScene {
     /// Whether more triangles than are made would be needed for what [`Refine::Auto`] aims at.
     pub fn is_short(&self) -> bool {
-        self.error.is_some_and(|[_, after]| after.rms > GOOD)
+        self.error.is_some_and(|[_, after]| after.rms > Goal::BAKED.rms)
     }
 
     fn is_finer_than(&self, scene: &Scene) -> bool {
@@ -102,18 +113,18 @@ pub fn refine(scene: &Scene, how: Refine, progress: &dyn Progress) -> Result<Opt
     match how {
         Refine::Off => Ok(None),
         Refine::EdgesMm(mm) => stage(progress, "refine", || to_length(scene, mm)),
-        Refine::Auto => refine_until(scene, GOOD, progress),
+        Refine::Auto => refine_until(scene, Goal::BAKED, progress),
     }
 }
 
-/// Refines a scene that is too coarse until its error between vertices is at most `good`; none where it is not too coarse.
+/// Refines a scene that is too coarse as far as the goal asks for; none where it is not too coarse.
 ///
 /// # Errors
 /// Failures of the measurement.
-pub fn refine_until(scene: &Scene, good: f64, progress: &dyn Progress) -> Result<Option<RefinedScene>> {
+pub fn refine_until(scene: &Scene, goal: Goal, progress: &dyn Progress) -> Result<Option<RefinedScene>> {
     match too_coarse(scene, None, progress)? {
         None => Ok(None),
-        Some(before) => stage(progress, "refine", || as_needed(scene, before, good)),
+        Some(before) => stage(progress, "refine", || as_needed(scene, before, goal)),
     }
 }
 
@@ -129,14 +140,18 @@ fn to_length(scene: &Scene, mm: f64) -> Result<Option<RefinedScene>> {
 }
 
 /// The coarsest scene whose error is good; where none is, the coarsest of those that are hardly worse than the best.
-fn as_needed(scene: &Scene, before: VertexError, good: f64) -> Result<Option<RefinedScene>> {
+fn as_needed(
+    scene: &Scene,
+    before: VertexError,
+    Goal { rms: good, most_triangles }: Goal,
+) -> Result<Option<RefinedScene>> {
     let diffusion_mm: Vec<f64> =
         scene.media.iter().map(|medium| medium.properties.diffusion_length_mm().min_element()).collect();
     let shortest_mm = diffusion_mm.iter().copied().fold(f64::INFINITY, f64::min);
     let at = |rung: i32| -> Result<Option<RefinedScene>> {
         let factor = (-0.5 * f64::from(rung)).exp2();
         let length = |medium: u32| diffusion_mm.get(medium as usize).map_or(f64::INFINITY, |mm| factor * mm);
-        let Some((fine, of_triangle)) = finer(scene, length, MOST_AUTO) else { return Ok(None) };
+        let Some((fine, of_triangle)) = finer(scene, length, most_triangles) else { return Ok(None) };
         let mut refined =
             RefinedScene { scene: fine, of_triangle, longest_mm: factor * shortest_mm, error: Some([before; 2]) };
         if refined.is_finer_than(scene) {
@@ -230,7 +245,7 @@ mod tests {
         let [before, after] = fine.error.unwrap();
         let Scene { mesh, parts, .. } = &fine.scene;
         println!("edges of {:.2} mm, {} triangles: {before:?}, {after:?}", fine.longest_mm, mesh.triangles.len());
-        assert!(before.rms > 0.3 && after.rms <= GOOD, "{before:?} {after:?}");
+        assert!(before.rms > 0.3 && after.rms <= Goal::BAKED.rms, "{before:?} {after:?}");
         assert_eq!(mesh.local_mm[..8], cube.mesh.local_mm[..]);
         assert!((parts.parts[0].area_mm2 / cube.parts.parts[0].area_mm2 - 1.0).abs() < 1e-6);
         // Sharp edges stay sharp.
