@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
+use crate::geometry::check::{WARNING_SHARE, long_edge_areas_mm2};
 use crate::geometry::mesh::Mesh;
 use crate::geometry::part_table::PartTable;
 use crate::math::cube_map::{self, FACES};
@@ -36,6 +37,16 @@ impl Scene {
     /// A third of the transferring area around each source vertex, mm^2.
     pub fn vertex_areas_mm2(&self) -> Vec<f64> {
         self.domain().vertex_areas_mm2()
+    }
+
+    /// Whether light may vary within triangles: a share of a translucent part is in triangles longer than a mean free path of its
+    /// medium. On most models it does not vary much, which is to be measured.
+    pub fn may_be_coarse(&self) -> bool {
+        let Self { mesh, parts, media } = self;
+        let free_path = |medium: u32| Some(media.get(medium as usize)?.properties.mean_free_path_mm().min_element());
+        let resolved: Vec<Option<f64>> = parts.parts.iter().map(|part| part.medium.and_then(free_path)).collect();
+        let long = long_edge_areas_mm2(mesh, &parts.triangle_part, &resolved);
+        parts.parts.iter().zip(long).any(|(part, long)| long > WARNING_SHARE * part.area_mm2)
     }
 
     /// A direction that grazes the largest flat area of the translucent parts, 3 degrees above it, turned about its normal by a share of

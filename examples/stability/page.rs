@@ -211,7 +211,7 @@ Of the run of 2026-11-25, on a machine with much else to do; rows that say *not 
 | `editable`, `editable stored` on a thin sheet under a sky, 19 to 32 times too pessimistic | not looked into: the stages of the rows for environments |
 | an albedo of 0.001, every method but `two_pass` | not looked into: the mean free path is 0.001 mm, so that radiosity follows the irradiance of the place itself, which no sample of 0.5 mm has |
 | facing walls, `two_pass`, `editable`, 1.05 to 1.2 times | the estimate of sampling itself, where half of the surface is in shadow |
-| between vertices, all methods that end at vertices | a mesh property: 68 % on the cube of 12 triangles, 21 % on walls that face each other; the import warns from 5 % on, `render --exitance pixels` does not need the vertices |
+| between vertices, all methods that end at vertices | a mesh property: 68 % on the cube of 12 triangles, 21 % on walls that face each other; the import warns from 5 % on, `render` takes the exitance at each pixel where the asset gathers at run time, and `bake --refine auto` adds the vertices that the others need |
 | dark half of `quantized_lights` and `all_frequency` | errors of functions of the light and of their coding are as large in the dark as in the light; told by the bake, not mended |
 
 Not in the table: constants of the medium in 8 bits (the encodings of `examples/papers` have them, no method does).

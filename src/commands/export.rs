@@ -383,6 +383,14 @@ fn harmonics(
 
 /// Checks that a file is what the asset was made of; returns its record.
 fn same_model(path: &Path, provenance: &Provenance, scene: &Scene) -> Result<Input> {
+    if provenance.origin.is_refined() {
+        return Err(Error::unsupported(format!(
+            "--scene {}: the mesh of the asset was refined, and light has values at {} vertices, more than the file has: leave --scene out, \
+             which writes the refined mesh, or bake without --refine",
+            path.display(),
+            scene.mesh.local_mm.len()
+        )));
+    }
     let input = Input::read(path)?;
     if provenance.origin.inputs.iter().any(|known| known.blake3 == input.blake3) {
         return Ok(input);

@@ -12,6 +12,7 @@ mod console;
 mod demo;
 mod device;
 mod evaluate;
+mod exitance;
 mod export;
 mod failures;
 mod fixtures;

@@ -12,14 +12,12 @@ use crate::error::Result;
 use crate::geometry::mesh::{Scale, UpAxis};
 use crate::geometry::parts::PartsRule;
 use crate::import::materials::MaterialChoice;
-use crate::import::{FAULT_NOTE, ImportOptions, Imported, Source};
-use crate::measure::between_vertices::between_vertices;
+use crate::import::{FAULT_NOTE, ImportOptions, Imported, REFINED_NOTE, Source};
+use crate::measure::between_vertices::too_coarse;
+use crate::measure::refine::{Goal, Refine, refine};
 use crate::medium::inversion::Reflector;
 use crate::report::text::{percent, significant};
 use crate::transport::calibration::any_is_closed;
-
-/// Error between vertices from which on it is told.
-const WORTH_A_WARNING: f64 = 0.05;
 
 /// A model and what it is made of.
 #[derive(Clone, Debug, Args)]
@@ -30,6 +28,17 @@ pub(super) struct ModelArgs {
     media: MediumArgs,
     #[command(flatten)]
     placement: PlacementArgs,
+    /// Split long edges of translucent parts, without moving the surface, for methods whose light ends at the vertices: auto (until light
+    /// that is linear between the vertices is 2 % off, where it is more than 5 % off), off, or the longest edge in mm. The vertices of
+    /// the model keep their numbers, new ones follow; none is added unasked, since engines count on them
+    #[arg(
+        long,
+        value_name = "auto|off|MM",
+        default_value_t,
+        allow_negative_numbers = true,
+        help_heading = "Size and parts"
+    )]
+    refine: Refine,
 }
 
 /// Size, parts, roles.
@@ -72,16 +81,21 @@ impl ModelArgs {
         self.placement.options(self.media.choice(reflector))
     }
 
+    /// How the mesh is refined, as it is typed; none where it is not.
+    pub(super) fn refined(&self) -> Option<String> {
+        (self.refine != Refine::Off).then(|| format!("--refine {}", self.refine))
+    }
+
     /// Reads the model and resolves its size, parts and media; prints warnings and notes on standard error.
     pub(super) fn load(&self, reflector: Reflector, console: &Console) -> Result<Imported> {
         let options = self.options(reflector);
         let source = Source::read(&self.model, &options.materials, console)?;
-        import(source, &options, console).map_err(|e| e.in_file(&self.model))
+        import(source, &options, self.refine, console).map_err(|e| e.in_file(&self.model))
     }
 }
 
-/// Makes a scene of a source, and prints warnings and notes. Colours are inverted through dipoles where no part is closed, which keep theirs.
-pub(super) fn import(mut source: Source, options: &ImportOptions, console: &Console) -> Result<Imported> {
+/// Makes a scene of a source, refined as asked for, and prints warnings and notes. Colours are inverted through dipoles where no part is closed, which keep theirs.
+pub(super) fn import(mut source: Source, options: &ImportOptions, how: Refine, console: &Console) -> Result<Imported> {
     // Before the import, which may fail for what they tell.
     std::mem::take(&mut source.model.warnings).iter().for_each(|warning| console.warn(warning));
     let again = (options.materials.reflector == Reflector::Volume).then(|| source.clone());
@@ -96,19 +110,7 @@ pub(super) fn import(mut source: Source, options: &ImportOptions, console: &Cons
     }
     imported.check.faults().iter().for_each(|fault| console.fault(fault));
     imported.check.warnings().iter().for_each(|warning| console.warn(warning));
-    if imported.check.may_be_coarse() {
-        let error = between_vertices(&imported.scene, console)?;
-        if error.rms > WORTH_A_WARNING {
-            let [rms, worst] = [error.rms, error.worst].map(percent);
-            let fault = format!(
-                "what is drawn between vertices, linear over each triangle, is {rms} off at centroids and mid-edges (worst {worst}), under \
-                 a few probe lights: refine the mesh, or render with --exitance pixels"
-            );
-            console.fault(&fault);
-            // An asset keeps it, so that whoever validates that knows of it; the last note tells how components became parts.
-            imported.origin.notes.insert(0, format!("{FAULT_NOTE}{fault}"));
-        }
-    }
+    refine_mesh(&mut imported, how, console)?;
     imported.warnings.iter().for_each(|warning| console.warn(warning));
     tell_from_file(&imported.from_file, console);
     tell(&imported.looks, console);
@@ -124,6 +126,45 @@ pub(super) fn import(mut source: Source, options: &ImportOptions, console: &Cons
         ));
     }
     Ok(imported)
+}
+
+/// Refines the mesh, and tells of a mesh that is too coarse. An asset keeps both, so that whoever validates it knows; the last note of an
+/// import tells how components became parts.
+fn refine_mesh(imported: &mut Imported, how: Refine, console: &Console) -> Result<()> {
+    let before = imported.scene.mesh.triangles.len();
+    if let Some(refined) = refine(&imported.scene, how, console)? {
+        let (after, edges) = (refined.scene.mesh.triangles.len(), significant(refined.longest_mm));
+        let mut note = format!("{before} triangles became {after} by --refine {how}, with edges of at most {edges} mm");
+        if let Some([before, after]) = refined.error {
+            let [before, after] = [before.rms, after.rms].map(percent);
+            note.push_str(&format!("; light between vertices is {after} off, where it was {before}"));
+        }
+        if refined.is_short() {
+            note.push_str(&format!(", and not better with up to {} triangles", Goal::BAKED.most_triangles));
+        }
+        console.note(&format!("{REFINED_NOTE}{note}"));
+        imported.origin.notes.insert(0, format!("{REFINED_NOTE}{note}"));
+        imported.scene = refined.scene;
+    }
+    if let Some(error) = too_coarse(&imported.scene, None, console)? {
+        let [rms, worst] = [error.rms, error.worst].map(percent);
+        let finer = match how {
+            Refine::Off => "bake with --refine auto",
+            Refine::EdgesMm(_) => "bake with --refine auto or a shorter length",
+            Refine::Auto => "no finer mesh within what --refine auto may make is much better; bake a finer model",
+        };
+        let what = format!(
+            "what is drawn between vertices, linear over each triangle, is {rms} off at centroids and mid-edges (worst {worst}), under a \
+             few probe lights"
+        );
+        console.fault(&format!(
+            "{what}: {finer}, or with a method that gathers at run time (--method editable), whose pictures take the exitance at each pixel"
+        ));
+        // As assets of this revision of the algorithms have it, whose bytes stay.
+        let kept = format!("{what}: refine the mesh, or render with --exitance pixels");
+        imported.origin.notes.insert(0, format!("{FAULT_NOTE}{kept}"));
+    }
+    Ok(())
 }
 
 /// The word of a value.

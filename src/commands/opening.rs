@@ -127,17 +127,18 @@ impl AssetArgs {
     }
 
     /// An asset as it was baked, resized if it is the asset of these arguments and another size is asked for, with the
-    /// given profile in place of the dipole and isotropic single scattering added to its radiosity.
+    /// given profile in place of the dipole.
     pub(super) fn again(
         &self,
         registry: &Registry,
         path: &Path,
         profile: Option<&LoadedProfile>,
-    ) -> Result<Box<dyn Evaluator>> {
-        let mut evaluator = registry.open(Arc::new(self.read(registry, path, Budget::default())?))?;
+    ) -> Result<(Box<dyn Evaluator>, Arc<Asset>)> {
+        let asset = Arc::new(self.read(registry, path, Budget::default())?);
+        let mut evaluator = registry.open(Arc::clone(&asset))?;
         if let Some(profile) = profile {
             evaluator.set_profile(profile.clone())?;
         }
-        Ok(crate::evaluate::summed::Summed::of(evaluator))
+        Ok((evaluator, asset))
     }
 }

@@ -77,6 +77,12 @@ pub(super) fn run(args: &PoseCheckArgs, console: &Console) -> Result<ExitCode> {
         false => Some(LightArgs { light: args.light.clone() }.load(console)?),
     };
     let (mut opened, asset) = args.asset.open_beside(console)?;
+    if opened.provenance.origin.is_refined() {
+        return Err(Error::unsupported(format!(
+            "{}: the mesh of the asset was refined and has more vertices than the poses of its model: bake without --refine",
+            args.asset.asset.display()
+        )));
+    }
     let good_below = max_rms.unwrap_or_else(|| {
         promised_rms(&opened.provenance.origin.notes, &asset.ledger, opened.asked_rms().unwrap_or(0.0))
     });

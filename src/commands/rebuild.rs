@@ -43,7 +43,9 @@ pub(super) fn request(model: &ModelArgs, of_method: &str) -> String {
         let value = Path::new(value).file_name().map_or(value.into(), |file| file.to_string_lossy());
         *text = format!("{name}={value}");
     }
-    blake3::hash(format!("{ALGORITHM_REVISION} {options:?} {of_method}").as_bytes()).to_hex().to_string()
+    // Nothing is added where nothing is refined: assets that were baked before there was refinement stay current.
+    let refined = model.refined().map(|option| format!(" {option}")).unwrap_or_default();
+    blake3::hash(format!("{ALGORITHM_REVISION} {options:?} {of_method}{refined}").as_bytes()).to_hex().to_string()
 }
 
 impl BuildOptions {

@@ -10,14 +10,20 @@ use super::console::{Console, in_range};
 use super::lights::{LightArgs, ResolvedLights, warn_of_places};
 use super::opening::{AssetArgs, Opened};
 use super::view::{ViewArgs, check_memory};
+use crate::asset::Asset;
 use crate::error::{Error, ExitCode, Result};
+use crate::evaluate::finer::Finer;
 use crate::evaluate::summed::Summed;
-use crate::evaluate::{Evaluator, SingleScattering};
+use crate::evaluate::{Evaluator, Registry, SingleScattering};
+use crate::measure::between_vertices::too_coarse;
+use crate::measure::refine::{Goal, RefinedScene, refine_until};
+use crate::progress::Progress;
 use crate::relight::choice::{DeviceChoice, place};
 use crate::relight::headless::{self, Animation, MAX_FRAMES, SAMPLES_PER_PIXEL};
 use crate::relight::timings::{Stages, Timings};
 use crate::render::camera::Resolution;
 use crate::render::frame::RenderSettings;
+use crate::report::text::percent;
 
 /// Size of the pictures of an animation.
 const HEADLESS_RESOLUTION: Resolution = Resolution { width: 1024, height: 1024 };
@@ -88,6 +94,55 @@ pub(super) fn run(args: &RelightArgs, console: &Console, pool: Arc<rayon::Thread
     }
 }
 
+/// A mesh that is shown in place of a coarse one.
+type Shown = Option<Arc<RefinedScene>>;
+
+/// What is shown of an asset whose mesh is too coarse for its material; none where the mesh is fine, where light ends at its vertices or
+/// depends on the eye, and on a device that was asked for, whose sums are those of the asset's own vertices.
+fn finer(
+    evaluator: &dyn Evaluator,
+    asset: &Asset,
+    args: (&Registry, DeviceChoice),
+    progress: &dyn Progress,
+) -> Result<Shown> {
+    let (registry, device) = args;
+    let keeps_single = matches!(evaluator.single_scattering_is(), SingleScattering::None | SingleScattering::PerVertex);
+    if device == DeviceChoice::Gpu || !keeps_single || !registry.form(asset)?.serves_points() {
+        return Ok(None);
+    }
+    Ok(refine_until(evaluator.scene(), Goal::SHOWN, progress)?.map(Arc::new))
+}
+
+/// Tells what is shown of a coarse mesh.
+fn tell(shown: &Shown, evaluator: &dyn Evaluator, console: &Console) -> Result<()> {
+    let scene = evaluator.scene();
+    match shown {
+        Some(refined) => console.note(&format!(
+            "{} triangles are shown as {}, since light between the vertices of the asset is not linear; a bake with --refine auto has \
+             faster frames",
+            scene.mesh.triangles.len(),
+            refined.scene.mesh.triangles.len()
+        )),
+        None => {
+            if let Some(error) = too_coarse(scene, Some(evaluator.bvh()), console)? {
+                console.warn(&format!(
+                    "what is drawn between vertices is {} off, under a few probe lights: bake with --refine auto",
+                    percent(error.rms)
+                ));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// An evaluator on the mesh that is shown.
+fn on(shown: &Shown, evaluator: Box<dyn Evaluator>) -> Box<dyn Evaluator> {
+    match shown {
+        Some(refined) => Finer::of(evaluator, refined.scene.clone(), &refined.of_triangle),
+        None => evaluator,
+    }
+}
+
 /// The evaluator as frames show it, with single scattering added to the radiosity.
 fn drawn(evaluator: Box<dyn Evaluator>, console: &Console) -> Box<dyn Evaluator> {
     let evaluator = Summed::of(evaluator);
@@ -102,9 +157,12 @@ fn drawn(evaluator: Box<dyn Evaluator>, console: &Console) -> Box<dyn Evaluator>
 
 fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &Console) -> Result<ExitCode> {
     let ResolvedLights { lights, .. } = args.lights.load(console)?;
-    let Opened { provenance, evaluator } = args.asset.open(console)?;
+    let (Opened { provenance, evaluator }, asset) = args.asset.open_beside(console)?;
     warn_of_places(evaluator.scene(), &lights, evaluator.cost().samples, console);
-    let evaluator = drawn(evaluator, console);
+    let shown = finer(evaluator.as_ref(), &asset, (&console.registry, args.device), console)?;
+    drop(asset);
+    tell(&shown, evaluator.as_ref(), console)?;
+    let evaluator = drawn(on(&shown, evaluator), console);
     let resolution = args.resolution.unwrap_or(HEADLESS_RESOLUTION);
     check_memory(resolution, 1, console)?;
     let settings = RenderSettings {
@@ -112,7 +170,7 @@ fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &C
         ..args.view.settings(&evaluator.scene().mesh, resolution)?
     };
     let texture = args.view.load_texture(&evaluator.scene().mesh, console)?;
-    let again = || Ok(Summed::of(args.asset.open(console)?.evaluator));
+    let again = || Ok(Summed::of(on(&shown, args.asset.open(console)?.evaluator)));
     let (place, note) = place(args.device, evaluator, &again)?;
     note.iter().for_each(|note| console.note(note));
     let animation = Animation {
@@ -156,19 +214,35 @@ pub(super) struct WindowRun<'a> {
 
 #[cfg(feature = "gui")]
 fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -> Result<ExitCode> {
+    use crate::medium::profiles::model::LoadedProfile;
+    use crate::progress::Silent;
     use crate::relight::window::{Session, Settings, run};
     let quit_after_s = args.quit_after.map(|seconds| in_range("--quit-after", seconds, 0.0..=1e6)).transpose()?;
-    let (lights, opened) =
-        pool.install(|| -> Result<_> { Ok((args.lights.load(console)?, args.asset.open(console)?)) })?;
+    let (lights, opened, shown) = pool.install(|| -> Result<_> {
+        let (lights, (opened, asset)) = (args.lights.load(console)?, args.asset.open_beside(console)?);
+        let shown = finer(opened.evaluator.as_ref(), &asset, (&console.registry, args.device), console)?;
+        tell(&shown, opened.evaluator.as_ref(), console)?;
+        Ok((lights, opened, shown))
+    })?;
     // Told before a window opens.
     warn_of_places(opened.evaluator.scene(), &lights.lights, opened.evaluator.cost().samples, console);
     args.view.load_texture(&opened.evaluator.scene().mesh, console)?;
-    let (again, registry) = (args.asset.clone(), console.registry.clone());
+    let (again, registry, device) = (args.asset.clone(), console.registry.clone(), args.device);
+    let evaluator = drawn(on(&shown, opened.evaluator), console);
+    let open = move |path: &std::path::Path, profile: Option<&LoadedProfile>| {
+        let (evaluator, asset) = again.again(&registry, path, profile)?;
+        // The same mesh as at first, whatever the media in force, so that vertices have the same numbers.
+        let shown = match path == again.asset {
+            true => shown.clone(),
+            false => finer(evaluator.as_ref(), &asset, (&registry, device), &Silent)?,
+        };
+        Ok(Summed::of(on(&shown, evaluator)))
+    };
     let session = Session {
         model: args.asset.asset.clone(),
-        evaluator: drawn(opened.evaluator, console),
+        evaluator,
         profile: args.asset.profile()?,
-        open: Arc::new(move |path, profile| again.again(&registry, path, profile)),
+        open: Arc::new(open),
         lights: lights.lights,
         resolution: args.resolution.unwrap_or(WINDOW_RESOLUTION),
         exposure: args.view.exposure,

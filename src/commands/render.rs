@@ -7,6 +7,7 @@ use glam::DVec3;
 
 use super::console::Console;
 use super::evaluate::map;
+use super::exitance::ExitanceArg;
 use super::lights::{LightArgs, ResolvedLights, warn_of_places};
 use super::opening::{AssetArgs, Opened};
 use super::output;
@@ -72,10 +73,8 @@ pub(super) struct PictureArgs {
     #[arg(long, value_name = "N", default_value_t = DEFAULT_SAMPLES_PER_PIXEL,
         value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SAMPLES_PER_PIXEL)))]
     samples_per_pixel: u32,
-    /// Where the light that leaves the surface is evaluated; pixels with assets that gather at run time (reference, two_pass,
-    /// texture_space, editable without stored transport)
-    #[arg(long, value_name = "WHERE", default_value = "vertices")]
-    exitance: ExitanceAt,
+    #[command(flatten)]
+    exitance: ExitanceArg,
     /// Normalisation of the exit Fresnel factor
     #[arg(long, default_value = "normalised")]
     exit_fresnel: ExitFresnel,
@@ -155,7 +154,13 @@ pub(super) fn finish(
     let texture = picture.view.load_texture(&evaluator.scene().mesh, console)?;
     warn_of_places(evaluator.scene(), &lights.lights, evaluator.cost().samples, console);
     evaluator.set_lights(lights.lights.clone(), console)?;
-    let of_vertices = of_vertices(evaluator, picture.exitance, console)?;
+    let coarseness = picture.exitance.measure(evaluator, console)?;
+    let at = coarseness.prepare(evaluator, console)?;
+    coarseness.tell(at, console);
+    let of_vertices = match at {
+        ExitanceAt::Vertices => Some(evaluator.radiosity(console)?),
+        ExitanceAt::Pixels => None,
+    };
     let shown = outputs.iter().any(|path| suffix(path) == "png");
     let is_seen = evaluator.towards_eye()?.is_some();
     let per_vertex = if is_seen { None } else { evaluator.single_scattering(console)? };
@@ -194,6 +199,7 @@ pub(super) fn finish(
         roughness: settings.specular.roughness(),
         texture: texture.as_ref().map(ToString::to_string),
         exitance: frame.exitance,
+        between_vertices: coarseness.between,
         single_scattering: frame.single,
         single_scattering_paths,
         exr_type: picture.exr_type,
@@ -215,17 +221,6 @@ pub(super) fn finish(
     let trust = picture.trust.as_ref().map(|trust| TrustPicture::new(trust, evaluator, &settings));
     write((&frame, trust.as_ref()), &settings, &result, outputs, console)?;
     Ok((result, frame))
-}
-
-/// Exitance of the vertices; none where it is evaluated at points, which are prepared then.
-fn of_vertices(evaluator: &mut dyn Evaluator, at: ExitanceAt, console: &Console) -> Result<Option<Vec<DVec3>>> {
-    match at {
-        ExitanceAt::Vertices => evaluator.radiosity(console).map(Some),
-        ExitanceAt::Pixels => {
-            evaluator.prepare_points(console).map_err(|e| e.at("--exitance pixels"))?;
-            Ok(None)
-        }
-    }
 }
 
 /// The work of single scattering towards the eye, as a number that does not depend on the machine.

@@ -8,6 +8,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::console::Console;
+use super::exitance::ExitanceArg;
 use super::lights::{LightArgs, ResolvedLights};
 use super::media::tell;
 use super::model::{self, PlacementArgs};
@@ -17,17 +18,20 @@ use super::{baking, output};
 use crate::asset::Asset;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Evaluator;
+use crate::evaluate::exitance::Exitance;
 use crate::geometry::mesh::Scale;
 use crate::import::Source;
 use crate::import::file::suffix;
 use crate::import::materials::{AskedLook, MaterialChoice};
 use crate::light::Light;
+use crate::measure::refine::Refine;
 use crate::medium::inversion::Reflector;
 use crate::medium::material::Medium;
 use crate::medium::material_file::Chosen;
 use crate::render::camera::Resolution;
 use crate::render::film::to_toned_png;
-use crate::render::frame::{DEFAULT_OPAQUE, Frame, Ground, RenderSettings, render};
+use crate::render::frame::{DEFAULT_OPAQUE, ExitanceAt, Frame, Ground, RenderSettings, render};
+use crate::render::single::Scattered;
 use crate::render::tone::Tone;
 use crate::report::materials::MediumReport;
 use crate::report::sheet::{LARGEST, Sheet};
@@ -68,6 +72,8 @@ pub(super) struct SheetArgs {
     #[arg(long)]
     ground: bool,
     #[command(flatten)]
+    exitance: ExitanceArg,
+    #[command(flatten)]
     view: ViewArgs,
     #[command(flatten)]
     placement: PlacementArgs,
@@ -83,6 +89,8 @@ struct CellReport {
     material: String,
     size_mm: f64,
     lights: Vec<String>,
+    /// Where exitance was evaluated.
+    exitance: ExitanceAt,
     /// Mean radiosity over the vertices, RGB.
     mean_radiosity: [f64; 3],
 }
@@ -240,7 +248,7 @@ fn bake(args: &SheetArgs, rows: &[Row], groups: &[ResolvedLights], console: &Con
         options.scale = Some(Scale::DiagonalMm(largest));
     }
     let source = Source::read(&args.model, &options.materials, console)?;
-    let imported = model::import(source, &options, console).map_err(|e| e.in_file(&args.model))?;
+    let imported = model::import(source, &options, Refine::Off, console).map_err(|e| e.in_file(&args.model))?;
     let mut recipe = console.registry.method(METHOD)?.default_recipe()?;
     // Rows for environments take most of the time, where there are none.
     recipe.settings.for_lights = groups.iter().flat_map(|group| group.lights.iter().map(Light::kind)).collect();
@@ -256,6 +264,7 @@ fn pictures(
 ) -> Result<(Vec<Frame>, Vec<CellReport>)> {
     let texture = args.view.load_texture(&asset.scene.mesh, console)?;
     let columns = groups.len() * sizes_mm.len();
+    let mut coarse = Vec::new();
     let mut all: Vec<Option<(Frame, CellReport)>> = (0..rows.len() * columns).map(|_| None).collect();
     for (of_size, &size_mm) in sizes_mm.iter().enumerate() {
         let resized = Arc::new(Asset::clone(asset).resized(size_mm)?);
@@ -263,17 +272,35 @@ fn pictures(
         let settings = settings(args, evaluator.as_ref())?;
         for (row, Row { name, medium }) in rows.iter().enumerate() {
             evaluator.set_media(vec![medium.clone(); resized.scene.media.len()])?;
+            let coarseness = args.exitance.measure(evaluator.as_ref(), console)?;
+            coarse.extend(coarseness.between.map(|error| error.rms));
             for (of_group, group) in groups.iter().enumerate() {
                 evaluator.set_lights(group.lights.clone(), console)?;
                 let radiosity = evaluator.radiosity(console)?;
-                let scattered = crate::render::single::Scattered { texture: texture.as_ref(), ..(&radiosity).into() };
+                let at = coarseness.prepare(evaluator.as_mut(), console)?;
+                let at_points = match at {
+                    ExitanceAt::Vertices => None,
+                    ExitanceAt::Pixels => evaluator.exitance_at_points(),
+                };
+                let exitance: &dyn Exitance = at_points.as_deref().unwrap_or(&radiosity);
+                let scattered = Scattered { texture: texture.as_ref(), ..exitance.into() };
                 let frame = render(evaluator.as_ref(), scattered, &group.lights, &settings, console)?;
                 let mean = radiosity.iter().sum::<DVec3>() / radiosity.len().max(1) as f64;
                 let (material, lights) = (name.clone(), group.text.clone());
-                let report = CellReport { material, size_mm, lights, mean_radiosity: mean.to_array() };
+                let report =
+                    CellReport { material, size_mm, lights, exitance: frame.exitance, mean_radiosity: mean.to_array() };
                 all[row * columns + of_group * sizes_mm.len() + of_size] = Some((frame, report));
             }
         }
+    }
+    if let Some(worst) = coarse.iter().copied().reduce(f64::max) {
+        console.note(&format!(
+            "exitance at pixels in {} of {} pictures: linear over each triangle, light would be up to {} off between vertices, under a few \
+             probe lights; --exitance vertices takes less time",
+            coarse.len() * groups.len(),
+            rows.len() * columns,
+            percent(worst)
+        ));
     }
     Ok(all.into_iter().flatten().unzip())
 }

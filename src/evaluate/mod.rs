@@ -7,6 +7,7 @@ pub mod device;
 pub mod division;
 pub mod evaluator;
 pub mod exitance;
+pub mod finer;
 pub mod forecast;
 pub mod form;
 pub(crate) mod forward;

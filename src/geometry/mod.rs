@@ -8,6 +8,7 @@ pub mod bvh;
 pub mod check;
 pub mod cluster;
 pub mod deformation;
+pub mod edge_split;
 pub mod laplacian;
 pub mod mesh;
 pub mod nearest;

@@ -45,6 +45,9 @@ use crate::scene::Scene;
 /// What notes begin with that tell of something for which results are wrong or poor.
 pub const FAULT_NOTE: &str = "fault: ";
 
+/// What the note of a mesh begins with that was refined after it was read.
+pub const REFINED_NOTE: &str = "refined: ";
+
 /// Unit, media, parts and roles that turn a source into a scene.
 #[derive(Clone, Debug, Default)]
 pub struct ImportOptions {
@@ -81,6 +84,13 @@ pub struct Origin {
     pub mm_per_source_unit: f64,
     /// Repairs and choices that affect the result; the last one tells how components became parts.
     pub notes: Vec<String>,
+}
+
+impl Origin {
+    /// Whether the mesh has more vertices than its source, which come after those of the source.
+    pub fn is_refined(&self) -> bool {
+        self.notes.iter().any(|note| note.starts_with(REFINED_NOTE))
+    }
 }
 
 impl Default for Origin {

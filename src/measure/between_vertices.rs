@@ -31,12 +31,35 @@ const GROUP: usize = 4;
 /// Weights of a triangle's corners at its centroid and at the middles of its edges.
 pub(super) const PLACES: [[f64; 3]; 4] = [[1.0 / 3.0; 3], [0.5, 0.5, 0.0], [0.0, 0.5, 0.5], [0.5, 0.0, 0.5]];
 
+/// Error from which on a mesh is too coarse for what is drawn between its vertices.
+pub const TOO_COARSE: f64 = 0.05;
+
+/// The error between vertices where it is above [`TOO_COARSE`]. It is measured only where edges are long for the media, so that fine
+/// meshes cost next to nothing; `bvh` is the scene's, where there is one already.
+///
+/// # Errors
+/// Failures of the work.
+pub fn too_coarse(scene: &Scene, bvh: Option<&Bvh>, progress: &dyn Progress) -> Result<Option<VertexError>> {
+    if !scene.may_be_coarse() {
+        return Ok(None);
+    }
+    let error = match bvh {
+        Some(bvh) => between_vertices_with(scene, bvh, progress),
+        None => between_vertices(scene, progress),
+    };
+    Ok(Some(error?).filter(|error| error.rms > TOO_COARSE))
+}
+
 /// Error at centroids and mid-edges of the translucent parts under a few probe lights, relative to the RMS there; zero
 /// where nothing transfers light.
 ///
 /// # Errors
 /// Failures of the work.
 pub fn between_vertices(scene: &Scene, progress: &dyn Progress) -> Result<VertexError> {
+    between_vertices_with(scene, &Bvh::new(&scene.mesh), progress)
+}
+
+fn between_vertices_with(scene: &Scene, bvh: &Bvh, progress: &dyn Progress) -> Result<VertexError> {
     progress.start("between vertices", 0);
     let chosen = by_area(scene, TRIANGLES);
     let places: Vec<Option<(u32, DVec3)>> = chosen
@@ -48,8 +71,8 @@ pub fn between_vertices(scene: &Scene, progress: &dyn Progress) -> Result<Vertex
         })
         .collect();
     let samples = Samples::new(&scene.mesh, &scene.parts, SAMPLES);
-    let (bvh, patches) = (Bvh::new(&scene.mesh), samples::patches(&scene.mesh, &samples));
-    let surface = Surface { domain: scene.domain(), bvh: &bvh, samples: &samples, patches: &patches };
+    let patches = samples::patches(&scene.mesh, &samples);
+    let surface = Surface { domain: scene.domain(), bvh, samples: &samples, patches: &patches };
     let etas: Vec<f64> = scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
     let receivers = Receivers::at(&places, GROUP);
     let tree = SampleTree::default();

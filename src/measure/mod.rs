@@ -9,4 +9,5 @@ pub mod image_error;
 pub mod light_places;
 pub mod pose;
 pub mod probes;
+pub mod refine;
 pub mod trust;

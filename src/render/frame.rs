@@ -28,19 +28,15 @@ pub enum SingleLayer {
     TowardsEye,
 }
 
-/// Places where exitance is evaluated for a picture.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, clap::ValueEnum)]
+/// Places where the exitance of a picture was evaluated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum ExitanceAt {
     /// At the vertices, interpolated linearly over each triangle.
     #[default]
-    #[value(help = "At the vertices, linear over each triangle")]
     Vertices,
     /// At what each pixel sees.
-    #[value(
-        help = "At what each pixel sees, for meshes of large triangles: a sum over the samples for each triangle in each pixel, seconds more"
-    )]
     Pixels,
 }
 

@@ -45,6 +45,12 @@ impl ShadingNormals {
         self.triangles[triangle as usize]
     }
 
+    /// The normals at the corners of a triangle.
+    #[inline]
+    pub fn at_corners(&self, triangle: u32) -> [Vec3; 3] {
+        self.corners[triangle as usize]
+    }
+
     /// The unit normal at a point of a triangle; zero where the corners cancel.
     #[inline]
     pub fn at(&self, triangle: u32, weights: [f64; 3]) -> DVec3 {

@@ -38,6 +38,7 @@ pub(crate) struct BakeReport {
     pub(crate) bytes_per_vertex: f64,
     pub(crate) diagonal_mm: f64,
     pub(crate) media: Vec<MediumReport>,
+    /// The mesh of the source, before it was refined.
     pub(crate) mesh: MeshCheck,
     pub(crate) ledger: Ledger,
 }

@@ -8,6 +8,7 @@ use super::trust::TrustReport;
 use crate::evaluate::Cost;
 use crate::geometry::part_table::PartEntry;
 use crate::import::file::Input;
+use crate::math::statistics::VertexError;
 use crate::medium::material::Medium;
 use crate::render::camera::{Resolution, xyz};
 use crate::render::exit::ExitFresnel;
@@ -40,6 +41,9 @@ pub(crate) struct RenderReport {
     pub(crate) texture: Option<String>,
     /// Where exitance was evaluated.
     pub(crate) exitance: ExitanceAt,
+    /// Error of light that is linear between the vertices, under probe lights, where --exitance auto found it too large.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) between_vertices: Option<VertexError>,
     pub(crate) single_scattering: SingleLayer,
     /// Number of light paths for each covered pixel.
     #[serde(skip_serializing_if = "Option::is_none")]

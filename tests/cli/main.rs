@@ -25,6 +25,7 @@ mod pictures;
 mod plan;
 mod pose_check;
 mod reader;
+mod refine;
 mod relight;
 mod revisions;
 mod schemas;

@@ -71,7 +71,7 @@ fn exitance_is_evaluated_at_pixels_by_what_gathers_and_refused_by_the_rest() {
     }
     assert_eq!(folder.read("1.exr"), folder.read("4.exr"));
     assert!(folder.read("1.exr").windows(24).any(|w| w == b"at what each pixel sees,"));
-    let report = folder.run(&format!("{line} -o vertices.exr --json")).ok().json();
+    let report = folder.run(&format!("{line} --exitance vertices -o vertices.exr --json")).ok().json();
     assert_eq!(report["exitance"], "vertices");
     // The vertices are near, not the same.
     folder.run("compare 1.exr vertices.exr").fails(7, &[]);
@@ -82,6 +82,56 @@ fn exitance_is_evaluated_at_pixels_by_what_gathers_and_refused_by_the_rest() {
     let refusal = ["--exitance pixels", "reference", "two_pass", "editable"];
     folder.run("render stored.tlux --exitance pixels --resolution 8x8 -o refused.exr").fails(5, &refusal);
     assert!(!folder.path("refused.exr").exists());
+}
+
+#[test]
+fn pictures_of_coarse_meshes_take_pixels_where_they_can_and_say_so() {
+    let folder = Folder::new();
+    folder.obj("cube.obj", &shapes::cuboid(DVec3::splat(20.0), 1));
+    let bake = "bake cube.obj --unit mm --material marble --for-lights directional -q";
+    folder.run(&format!("{bake} --method two_pass -o a.tlux")).ok();
+    folder.run(&format!("{bake} --method reference --samples 20000 -o truth.tlux")).ok();
+    let light = "--light directional:from=1,2,3:irradiance=2 --no-specular --resolution 48x48 --samples-per-pixel 4";
+    let run = |asset: &str, more: &str| folder.run(&format!("render {asset}.tlux {light} {more} --json")).ok();
+    let told = run("a", "-o auto.exr -o auto.png");
+    assert!(
+        told.stderr.contains("exitance at pixels") && told.stderr.contains("--exitance vertices"),
+        "{}",
+        told.stderr
+    );
+    let report = told.json();
+    assert_eq!(report["exitance"], "pixels");
+    assert!(report["between_vertices"]["rms"].as_f64().unwrap() > 0.3);
+    let asked = run("a", "--exitance pixels -o pixels.exr").json();
+    assert!(asked.get("between_vertices").is_none());
+    assert_eq!(folder.read("auto.exr"), folder.read("pixels.exr"));
+    run("truth", "--exitance pixels -o truth.exr");
+    folder.run("compare auto.exr truth.exr --fail-above 2%").ok();
+    run("a", "--exitance vertices -o vertices.exr");
+    folder.run("compare vertices.exr truth.exr --fail-above 20%").fails(7, &[]);
+    // The same cube is small beside the free path of light.
+    assert_eq!(run("a", "--size-mm 0.3 -o small.exr").json()["exitance"], "vertices");
+    // Transport that ends at the vertices: a picture, and a fault.
+    folder.run(&format!("{bake} --method editable --set transport=stored -o stored.tlux")).ok();
+    let told = run("stored", "-o stored.exr");
+    assert!(
+        told.stderr.contains("off between vertices") && told.stderr.contains("--method editable"),
+        "{}",
+        told.stderr
+    );
+    assert_eq!(told.json()["exitance"], "vertices");
+    folder.run(&format!("render stored.tlux {light} -o strict.exr --strict")).fails(6, &["between vertices"]);
+    // Nothing is measured of a mesh that is fine.
+    let ball = baked();
+    let report = ball.run("render ball.tlux --resolution 16x16 -o a.exr --json").ok().json();
+    assert_eq!(report["exitance"], "vertices");
+    assert!(report.get("between_vertices").is_none());
+    // One sheet has both.
+    let sheet = "sheet cube.obj --materials marble --sizes 0.3,20 --lights directional:from=1,2,3:irradiance=2";
+    let told = folder.run(&format!("{sheet} --resolution 32x32 -o sheet.png --json")).ok();
+    assert!(told.stderr.contains("exitance at pixels in 1 of 2 pictures"), "{}", told.stderr);
+    let cells = told.json()["cells"].clone();
+    assert_eq!((&cells[0]["exitance"], &cells[1]["exitance"]), (&"vertices".into(), &"pixels".into()));
 }
 
 #[test]

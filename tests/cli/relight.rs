@@ -71,6 +71,37 @@ fn the_first_frame_is_exposed_as_render_does() {
 }
 
 #[test]
+fn twelve_triangles_are_shown_refined_where_light_is_gathered() {
+    let folder = Folder::new();
+    folder.obj("cube.obj", &shapes::cuboid(glam::DVec3::splat(20.0), 1));
+    let bake = "bake cube.obj --unit mm --material marble --for-lights directional -q";
+    let view = "--light directional:from=1,2,3:irradiance=2 --view three-quarter --no-specular --background none --resolution 60x60";
+    let shown = |asset: &str| {
+        let line = format!("relight {asset}.tlux {view} --headless --frames 1 --out {asset} --device cpu --json");
+        let told = folder.run(&line).ok();
+        let vertices = told.json()["animation"]["vertices"].as_u64().unwrap();
+        (told.stderr, vertices, read_png(&folder.path(&format!("{asset}/frame_0000.png"))).unwrap())
+    };
+    // Samples alone, and samples with rows for environments beside them.
+    for (asset, more) in [("two_pass", ""), ("editable", "--samples 20000 --for-lights environment,directional")] {
+        let bake =
+            bake.replace("--for-lights directional", if more.is_empty() { "--for-lights directional" } else { "" });
+        folder.run(&format!("{bake} --method {asset} {more} -o {asset}.tlux")).ok();
+        folder.run(&format!("render {asset}.tlux {view} --samples-per-pixel 4 -o {asset}.png -q")).ok();
+        let (told, vertices, frame) = shown(asset);
+        assert!(told.contains("12 triangles are shown as") && vertices > 1000, "{asset}: {told}");
+        let picture = read_png(&folder.path(&format!("{asset}.png"))).unwrap();
+        let differences = frame.rgb.iter().zip(&picture.rgb).map(|(a, b)| (f64::from(a[1]) - f64::from(b[1])).powi(2));
+        let rms = (differences.sum::<f64>() / frame.rgb.len() as f64).sqrt();
+        assert!(rms < 3.0, "{asset}: {rms} of 255");
+    }
+    // Where light ends at the vertices nothing is added, and that is told.
+    folder.run(&format!("{bake} --method editable --set transport=stored --samples 4000 -o stored.tlux")).ok();
+    let (told, vertices, _) = shown("stored");
+    assert!(told.contains("--refine auto") && vertices == 8, "{told}");
+}
+
+#[test]
 fn what_does_not_fit_is_refused() {
     let folder = baked();
     folder.write("file", "");

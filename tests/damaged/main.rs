@@ -22,12 +22,14 @@ use common::{Folder, called};
 use glam::DVec3;
 use translux::asset::Asset;
 use translux::error::ExitCode;
+use translux::evaluate::finer::Finer;
 use translux::evaluate::memory::Limits;
 use translux::evaluate::{BakeSettings, Capabilities, Evaluator, MaterialEdit, Model, ProfileEdit, Registry};
 use translux::geometry::shapes;
 use translux::light::Light;
 use translux::light::environment::EnvironmentMap;
 use translux::measure::probes;
+use translux::measure::refine::{Goal, RefinedScene, refine_until};
 use translux::medium::material::{Medium, preset};
 use translux::methods::built_in;
 use translux::progress::Silent;
@@ -181,6 +183,17 @@ fn use_asset(
         let _ = probes::by_stage(evaluator.as_mut(), &Silent)?;
     }
     drawn(evaluator.as_ref(), &radiosity, &light)?;
+    // Frames of a mesh that is too coarse for its material.
+    let refined = match number % 4 {
+        3 => refine_until(evaluator.scene(), Goal::SHOWN, &Silent)?,
+        _ => None,
+    };
+    if let Some(RefinedScene { scene, of_triangle, .. }) = refined.filter(|_| form.serves_points()) {
+        let shown = Finer::of(evaluator, scene, &of_triangle).radiosity(&Silent)?;
+        if let Err(absurd) = sound("radiosity of a refined mesh", &shown) {
+            return Ok(Err(absurd));
+        }
+    }
     Ok(Ok(()))
 }
 

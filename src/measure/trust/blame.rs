@@ -279,9 +279,9 @@ impl Found {
                 None => finer,
             },
             BETWEEN if subject.evaluator.prepare_points(&Silent).is_ok() => {
-                "render with --exitance pixels, or bake a finer mesh".to_owned()
+                "render with --exitance pixels, or bake with --refine auto".to_owned()
             }
-            BETWEEN => "bake a finer mesh".to_owned(),
+            BETWEEN => "bake with --refine auto".to_owned(),
             JOINT => format!("{finer} --method {method} {samples}"),
             _ if another => format!(
                 "bake with --method auto --max-rms {}: the ledger of the asset is above that in all",

@@ -93,7 +93,7 @@ impl<'a> Session<'a> {
         if let Ok(Imported { scene, check, .. }) = &imported {
             faults = check.faults();
             warnings = check.warnings();
-            if check.may_be_coarse() {
+            if scene.may_be_coarse() {
                 between = between_vertices(scene, &Silent).map_or(0.0, |error| error.rms);
                 if between > BETWEEN {
                     warnings.push(format!("{:.0} % off between vertices", 100.0 * between));
