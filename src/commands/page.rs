@@ -136,7 +136,8 @@ impl PageArgs {
         }
         let others: Vec<String> = others.into_iter().map(|(_, text)| text).collect();
         words.extend(others.iter().map(|text| format!("--light {text}")));
-        words.push(format!("--camera {camera} --exposure {stops} --background 0"));
+        // A page is linear between vertices, whatever the mesh.
+        words.push(format!("--camera {camera} --exposure {stops} --background 0 --exitance vertices"));
         let mut report = PageReport {
             bytes: 0,
             directions,

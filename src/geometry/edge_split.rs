@@ -76,15 +76,14 @@ fn halfway(p: Vec3, q: Vec3) -> Vec3 {
 
 /// Splits each of these edges once.
 fn once(Split { mesh, of_triangle }: &Split, long: &HashSet<Edge>) -> Split {
-    let triangles = mesh.triangles.len();
     let mut fine = Mesh { triangles: Vec::new(), triangle_material: Vec::new(), ..mesh.clone() };
     let mut from = Vec::new();
     // Vertices at one place, as at the two sides of a seam, have middles of their own there, welded to the first of them.
     let (mut middles, mut welds) = (HashMap::new(), HashMap::new());
     let mut normals = Values::new(mesh.normals.as_ref(), |a: Vec3, b: Vec3| (a + b).normalize_or_zero());
     let mut uvs = Values::new(mesh.uvs.as_ref(), |a: Vec2, b: Vec2| 0.5 * (a + b));
-    for t in 0..triangles {
-        let (corners, welded) = (mesh.triangles[t], mesh.welded(t as u32));
+    for ((t, corners), of) in (0..).zip(&mesh.triangles).zip(of_triangle) {
+        let welded = mesh.welded(t);
         let mut middle = |a: usize, b: usize| {
             let places = edge(welded[a], welded[b]);
             if !long.contains(&places) {
@@ -117,10 +116,10 @@ fn once(Split { mesh, of_triangle }: &Split, long: &HashSet<Edge>) -> Split {
         };
         for shape in shapes {
             fine.triangles.push(shape.map(vertex));
-            fine.triangle_material.push(mesh.triangle_material.get(t).copied().unwrap_or_default());
-            from.push(of_triangle[t]);
-            normals.push(t, shape);
-            uvs.push(t, shape);
+            fine.triangle_material.push(mesh.triangle_material.get(t as usize).copied().unwrap_or_default());
+            from.push(*of);
+            normals.push(t as usize, shape);
+            uvs.push(t as usize, shape);
         }
     }
     fine.normals = normals.done();

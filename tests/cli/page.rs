@@ -75,8 +75,7 @@ fn the_page_shows_what_render_does_wherever_the_light_is() {
     assert_eq!(folder.read("turn.html"), bytes, "the same on one thread");
     let Some(browser) = chromium() else { return };
     let first = page["render"].as_str().unwrap();
-    let turned =
-        "--light directional:from=1,0.3,-0.4:irradiance=3,2.5,2 --view three-quarter --exposure 1 --background 0";
+    let turned = "--light directional:from=1,0.3,-0.4:irradiance=3,2.5,2 --view three-quarter --exposure 1 --background 0 --exitance vertices";
     let camera = folder.run(&format!("render head.tlux {turned} --resolution {SIDE} -o b.png --json")).ok().json();
     let key = |name: &str| {
         let camera = camera["camera"].as_str().unwrap();

@@ -107,6 +107,10 @@ fn pictures_of_coarse_meshes_take_pixels_where_they_can_and_say_so() {
     assert_eq!(folder.read("auto.exr"), folder.read("pixels.exr"));
     run("truth", "--exitance pixels -o truth.exr");
     folder.run("compare auto.exr truth.exr --fail-above 2%").ok();
+    // Sums of another kind, whose resolution the corners of the cube say nothing of.
+    folder.run(&format!("{bake} --method editable -o editable.tlux")).ok();
+    assert_eq!(run("editable", "-o editable.exr").json()["exitance"], "pixels");
+    folder.run("compare editable.exr truth.exr --fail-above 2%").ok();
     run("a", "--exitance vertices -o vertices.exr");
     folder.run("compare vertices.exr truth.exr --fail-above 20%").fails(7, &[]);
     // The same cube is small beside the free path of light.

@@ -14,9 +14,14 @@ use crate::transport::irradiance::Pieces;
 use crate::transport::multilevel::{SurfaceNets, SurfaceTables};
 use crate::transport::near_rule::NearField;
 use crate::transport::receivers::{ProbePoints, Receivers};
+use crate::transport::surface::Surface;
 
 /// Receivers that tune the hierarchy.
 const TUNING_PROBES: usize = 96;
+
+/// Places that tune it for points anywhere, where a mesh has fewer vertices than tuning needs: the corners of a cube say nothing of its
+/// faces.
+const TUNING_PLACES: usize = 48;
 
 /// Limits that tuning tries at most; without success the hierarchy is left out.
 const TRIALS: usize = 12;
@@ -49,9 +54,40 @@ impl GatheredEvaluator {
 
     /// Finds the largest limit of the criterion that keeps the asked error on some receivers.
     pub(super) fn tune(&mut self, error: f64, bound: Bound) {
-        let irradiance = self.lit().0;
         let probes = self.receivers.probe_points(&self.areas, (TUNING_PROBES, 0));
-        let limit = self.against_all_pairs(irradiance, bound, &probes, |error_of| {
+        self.limit = Some(self.limit_at(error, bound, &probes));
+    }
+
+    /// The same for points anywhere.
+    pub(super) fn tune_for_points(&mut self, error: f64, bound: Bound) {
+        if self.receivers.len() < TUNING_PROBES {
+            self.limit_at_points = Some(self.limit_at(error, bound, &self.places(TUNING_PLACES)));
+            return;
+        }
+        self.tuned_scheme();
+        self.limit_at_points = self.limit;
+    }
+
+    /// Samples at even steps of the area as receivers.
+    fn places(&self, most: usize) -> (Receivers, ProbePoints) {
+        let Surface { samples, patches, .. } = self.surface();
+        let count = most.min(patches.len());
+        let chosen = (0..count).map(|i| (2 * i + 1) * patches.len() / (2 * count));
+        let part = |sample: usize| {
+            samples.part_offsets.partition_point(|first| *first as usize <= sample).saturating_sub(1) as u32
+        };
+        let place = |sample: usize| {
+            (Some((part(sample), patches[sample].centre_mm)), patches[sample].cross_mm2.normalize_or_zero())
+        };
+        let (places, normals): (Vec<_>, Vec<_>) = chosen.map(place).unzip();
+        let receivers = Receivers::oriented(&places, &normals, 1);
+        let all = (0..receivers.len() as u32).collect();
+        let points = ProbePoints::new(all, &vec![1.0; receivers.len()]);
+        (receivers, points)
+    }
+
+    fn limit_at(&self, error: f64, bound: Bound, probes: &(Receivers, ProbePoints)) -> f64 {
+        let limit = self.against_all_pairs(self.lit().0, bound, probes, |error_of| {
             let mut limit = bound.first_limit(error);
             let mut kept = None;
             for _ in 0..TRIALS {
@@ -70,7 +106,7 @@ impl GatheredEvaluator {
             }
             kept
         });
-        self.limit = Some(limit.unwrap_or(0.0));
+        limit.unwrap_or(0.0)
     }
 
     /// The error of multilevel summation, near field included, against all pairs.

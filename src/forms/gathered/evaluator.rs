@@ -129,7 +129,8 @@ impl Evaluator for GatheredEvaluator {
 
     fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
         self.lights = lights;
-        (self.irradiance, self.returned, self.limit) = (None, None, None);
+        (self.irradiance, self.returned) = (None, None);
+        self.forget_limits();
         self.light_up(progress)
     }
 
@@ -154,7 +155,8 @@ impl Evaluator for GatheredEvaluator {
                 self.other_model();
             }
         }
-        (self.returned, self.limit) = (None, None);
+        self.returned = None;
+        self.forget_limits();
         self.scene.media = media;
         Ok(())
     }
@@ -168,7 +170,8 @@ impl Evaluator for GatheredEvaluator {
         let profile = if self.single.is_some() { profile.beside_single_scattering() } else { profile };
         let kernels = self.kernels(&profile, &self.scene.media)?;
         self.profile = Some((profile, kernels));
-        (self.returned, self.limit) = (None, None);
+        self.returned = None;
+        self.forget_limits();
         self.nets.iter_mut().for_each(Nets::forget_media);
         Ok(())
     }
@@ -213,13 +216,15 @@ impl Evaluator for GatheredEvaluator {
 
     fn prepare_points(&mut self, progress: &dyn Progress) -> Result<()> {
         self.irradiance(progress)?;
-        self.tuned_scheme();
+        if let (Far::Hierarchical { error, bound }, None) = (self.gathering.far, self.limit_at_points) {
+            self.tune_for_points(error, bound);
+        }
         Ok(())
     }
 
     fn exitance_at_points(&self) -> Option<Box<dyn Exitance + '_>> {
         let lit = self.irradiance.is_some() && (self.outside.is_none() || self.returned.is_some());
-        let tuned = matches!(self.gathering.far, Far::AllPairs) || self.limit.is_some();
+        let tuned = matches!(self.gathering.far, Far::AllPairs) || self.limit_at_points.is_some();
         (lit && tuned).then(|| {
             let gather = self.gather(&self.surface(), self.gathering.near);
             let (irradiance, pieces) = self.lit();
@@ -227,7 +232,7 @@ impl Evaluator for GatheredEvaluator {
             let exitance = AtPoints {
                 gather,
                 lit,
-                scheme: self.scheme(),
+                scheme: self.scheme_of(self.limit_at_points),
                 parts: &self.scene.parts,
                 calibrated: self.calibrated(),
             };

@@ -52,6 +52,8 @@ pub struct GatheredEvaluator {
     pub(super) lights: Vec<Light>,
     pub(super) irradiance: Option<(Vec<DVec3>, Pieces)>,
     pub(super) limit: Option<f64>,
+    /// The same for points anywhere.
+    pub(super) limit_at_points: Option<f64>,
     pub(super) single: Option<Traced>,
     pub(super) outside: Option<Outside>,
     /// Inter-reflection for the indices of refraction in force.
@@ -89,6 +91,7 @@ impl GatheredEvaluator {
             lights: Vec::new(),
             irradiance: None,
             limit: None,
+            limit_at_points: None,
             single: None,
             outside: None,
             matrix: None,
@@ -155,7 +158,8 @@ impl GatheredEvaluator {
 
     /// Drops what rests on the kernels that were in force: light enters as far from where it meets the surface as they say.
     pub(super) fn other_model(&mut self) {
-        (self.irradiance, self.returned, self.limit) = (None, None, None);
+        (self.irradiance, self.returned) = (None, None);
+        self.forget_limits();
         self.nets.iter_mut().for_each(Nets::forget_media);
         self.factor_receivers();
     }
@@ -320,7 +324,16 @@ impl GatheredEvaluator {
     }
 
     pub(super) fn scheme(&self) -> Scheme {
-        match (self.gathering.far, self.limit) {
+        self.scheme_of(self.limit)
+    }
+
+    /// Forgets what was tuned, since light or media change.
+    pub(super) fn forget_limits(&mut self) {
+        (self.limit, self.limit_at_points) = (None, None);
+    }
+
+    pub(super) fn scheme_of(&self, limit: Option<f64>) -> Scheme {
+        match (self.gathering.far, limit) {
             (Far::Hierarchical { bound, .. }, Some(limit)) => {
                 Scheme::Hierarchical { criterion: bound.criterion(limit) }
             }
