@@ -148,11 +148,14 @@ mod tests {
     use crate::evaluate::division::{Division, Keep, Shard};
     use crate::progress::Silent;
 
+    /// Name of a stage's blocks and number of one.
+    type Place = ([u8; 32], usize);
+
     /// Blocks in memory, and the shard of whoever computes them.
     #[derive(Default)]
     struct Left {
         shard: Option<Shard>,
-        blocks: Mutex<HashMap<([u8; 32], usize), Vec<u8>>>,
+        blocks: Mutex<HashMap<Place, Vec<u8>>>,
         common: Mutex<HashMap<[u8; 32], Vec<u8>>>,
     }
 
