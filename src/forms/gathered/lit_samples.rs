@@ -51,6 +51,7 @@ pub struct GatheredEvaluator {
     pub(super) areas: Vec<f64>,
     pub(super) lights: Vec<Light>,
     pub(super) irradiance: Option<(Vec<DVec3>, Pieces)>,
+    /// Limit of the criterion of the hierarchy, tuned at the receivers.
     pub(super) limit: Option<f64>,
     /// The same for points anywhere.
     pub(super) limit_at_points: Option<f64>,
