@@ -86,6 +86,19 @@ impl Blocks<'_> {
         Ok(())
     }
 
+    /// As [`Self::get`], for a block of so many rows.
+    ///
+    /// # Errors
+    /// As [`Self::get`]; a block of another length.
+    pub fn rows<T: Pod>(&self, (block, rows): (usize, usize), make: impl FnOnce() -> Result<Vec<T>>) -> Result<Vec<T>> {
+        let found = self.get(block, make)?;
+        if found.len() != rows {
+            let (stage, found) = (self.stage, found.len());
+            return Err(Error::input(format!("block {block} of `{stage}` has {found} rows in place of {rows}")));
+        }
+        Ok(found)
+    }
+
     /// As [`Self::ahead`], for blocks that are records.
     ///
     /// # Errors

@@ -9,24 +9,28 @@ use crate::evaluate::stage_cache::Key;
 use crate::light::Light;
 use crate::progress::Progress;
 
+/// What computes the radiosity of every receiver under a light.
+type Radiosity<'a> = &'a dyn Fn(&Light) -> Result<Vec<DVec3>>;
+
 /// Radiosity of every receiver under each of some lights that no choice saw: a block of a shared bake for each light.
 pub(crate) struct Truths<'a> {
     lights: Vec<&'a Light>,
+    receivers: usize,
     blocks: Blocks<'a>,
-    make: &'a dyn Fn(&Light) -> Result<Vec<DVec3>>,
+    make: Radiosity<'a>,
 }
 
 impl<'a> Truths<'a> {
-    /// `make` computes one; `chosen` tells what all of them depend on.
+    /// `make` computes one, the radiosity of so many receivers; `chosen` tells what all of them depend on.
     pub(crate) fn new(
         lights: impl IntoIterator<Item = &'a Light>,
-        make: &'a dyn Fn(&Light) -> Result<Vec<DVec3>>,
+        (make, receivers): (Radiosity<'a>, usize),
         cache: &'a StageCache,
         chosen: impl FnOnce(&mut Key),
     ) -> Self {
         let lights: Vec<&Light> = lights.into_iter().collect();
         let blocks = cache.blocks("unseen lights", lights.len(), chosen);
-        Self { lights, blocks, make }
+        Self { lights, receivers, blocks, make }
     }
 
     /// The lights.
@@ -47,7 +51,8 @@ impl<'a> Truths<'a> {
     /// # Errors
     /// Those of `make`; a block that cannot be read.
     pub(crate) fn under(&self, light: usize) -> Result<Vec<DVec3>> {
-        Ok(self.blocks.get(light, || self.computed(light))?.into_iter().map(DVec3::from_array).collect())
+        let found = self.blocks.rows((light, self.receivers), || self.computed(light))?;
+        Ok(found.into_iter().map(DVec3::from_array).collect())
     }
 
     fn computed(&self, light: usize) -> Result<Vec<[f64; 3]>> {

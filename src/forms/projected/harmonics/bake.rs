@@ -111,8 +111,9 @@ impl AtReferences {
                 let areas = vec![1.0; receivers.len()];
                 values = work.transfer.towards(&receivers, &areas).radiosity(&rows, progress).values;
             } else {
-                for chunk in 0..chunks.len() {
-                    values.extend(blocks.get(chunk, || Err::<Vec<f32>, _>(Error::runtime("a block that is gone")))?);
+                for (index, chunk) in chunks.iter().enumerate() {
+                    let gone = || Err::<Vec<f32>, _>(Error::runtime("a block is gone that was there"));
+                    values.extend(blocks.rows((index, 3 * functions * chunk.len()), gone)?);
                 }
             }
             if let Some(returned) = beside.returned {
@@ -170,7 +171,7 @@ pub(super) fn harmonics(
     let returned = Returned::new(work, progress);
     let beside = Beside { folded: folded.as_ref(), returned: returned.as_ref() };
     let truth = |light: &Light| Ok(radiosity(work, returned.as_ref(), &sampled.by_rays(light)?));
-    let truths = Truths::new(work.judges(), &truth, work.cache, tell);
+    let truths = Truths::new(work.judges(), (&truth, sampled.receivers.len()), work.cache, tell);
     let values = AtReferences::new((work, beside), (&net.point, order), Some(&truths), progress)?;
     progress.start("coding", 0);
     let set = coded(&values.values, order, &net, coding_error(allowed))?;

@@ -174,7 +174,7 @@ impl Form for QuantisedLights {
                 }
                 Ok(truth)
             };
-            let truths = Truths::new(&served, &truth, &settings.cache, chosen);
+            let truths = Truths::new(&served, (&truth, sampled.receivers.len()), &settings.cache, chosen);
             truths.ahead(progress)?;
             let ways = (&settings.cache, progress);
             let mut values = at_references(&sampled, &transfer, &set, (&net.point, ways), |under, receivers| {
@@ -184,7 +184,7 @@ impl Form for QuantisedLights {
                 }
                 blocks.ahead(progress, |run| under.of_run(run))?;
                 settings.cache.gather()?;
-                under.all(receivers, |run| blocks.get(run, || under.of_run(run)))
+                under.all(receivers, |run| blocks.rows((run, under.rows_of(run, receivers)), || under.of_run(run)))
             })?;
             if let Some(folding) = &folding {
                 let of_set = (set.lights.count(), |index| set.lights.entry(index));

@@ -207,6 +207,11 @@ impl<'a> UnderSet<'a> {
         self.runs.len()
     }
 
+    /// Number of radiosities of a run at so many receivers.
+    pub(super) fn rows_of(&self, run: usize, receivers: usize) -> usize {
+        3 * receivers * self.runs.get(run).map_or(0, Vec::len)
+    }
+
     /// Decides the visibility of all lights, unless that has been done: a stage of its own, before the first run is computed.
     pub(super) fn look(&self) -> Result<&Seen> {
         if let Some(seen) = self.seen.get() {
