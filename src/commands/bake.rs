@@ -21,7 +21,6 @@ use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::{BakeSettings, Recipe, StageCache};
 use crate::geometry::check::MeshCheck;
 use crate::import::Imported;
-use crate::import::file::Input;
 use crate::io::atomic;
 use crate::medium::inversion::Reflector;
 use crate::plan::{self, Plan, Request};
@@ -193,19 +192,14 @@ fn shard(args: &BakeArgs, what: What, request: &str, console: &Console) -> Resul
     }
 }
 
-/// Bakes with the blocks that shards left; `check` refuses a request and files that are not theirs.
+/// Bakes with the blocks that shards left.
 ///
 /// # Errors
 /// Errors of the bake; shards that are of another one.
-pub(super) fn merged(
-    args: &BakeArgs,
-    shards: Arc<Merged>,
-    console: &Console,
-    check: impl FnOnce(&str, &[Input]) -> Result<()>,
-) -> Result<ExitCode> {
+pub(super) fn merged(args: &BakeArgs, shards: Arc<Merged>, console: &Console) -> Result<ExitCode> {
     let what = resolve(args, console)?;
     let request = rebuild::request(&args.model, &what.of_method());
-    check(&request, &rebuild::inputs(&args.model)?)?;
+    shards.check(&request, &rebuild::inputs(&args.model)?)?;
     let stages = StageCache::default().divided(shards.clone());
     let found = baked(args, what, (&request, stages), console)?;
     shards.check_used()?;

@@ -23,6 +23,7 @@ mod lights;
 mod man;
 mod many;
 mod media;
+mod merge;
 mod meter;
 mod methods;
 mod model;
@@ -72,7 +73,7 @@ enum Command {
     /// Precompute a model and write an asset
     Bake(bake::BakeArgs),
     /// Put the shards of a bake together (`bake --shard`) and write the asset
-    Merge(shards::MergeArgs),
+    Merge(merge::MergeArgs),
     /// Per-vertex radiosity of an asset under lights, as PLY
     Evaluate(evaluate::EvaluateArgs),
     /// A picture of an asset under lights, as OpenEXR or PNG
@@ -291,7 +292,7 @@ fn run_command(cli: Cli, console: &Console, pool: rayon::ThreadPool) -> Result<E
     }
     let done = pool.install(|| match cli.command {
         Command::Bake(args) => bake::run(&args, console),
-        Command::Merge(args) => shards::merge(&args, kept_bake, console),
+        Command::Merge(args) => merge::run(&args, kept_bake, console),
         Command::Evaluate(args) => evaluate::run(&args, console),
         Command::Render(args) => render::run(&args, console),
         Command::Sheet(args) => sheet::run(&args, console),

@@ -1,4 +1,4 @@
-//! `translux bake --shard I/N` and `translux merge`: a bake that several processes share.
+//! `translux bake --shard I/N`: a bake that several processes share, what each leaves, and all of it together.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -7,9 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use clap::Args;
 use serde::{Deserialize, Serialize};
 
-use super::bake::{self, BakeArgs};
 use super::console::Console;
-use super::output;
 use crate::asset::ALGORITHM_REVISION;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::division::{Division, Keep, Shard};
@@ -53,19 +51,6 @@ fn parse_shard(text: &str) -> std::result::Result<Shard, String> {
 
 /// Options that are no part of what is baked: of the place of results and of this machine.
 pub(super) const OF_THE_PROCESS: [&str; 3] = ["output", "shard", "from-shard"];
-
-#[derive(Clone, Debug, Args)]
-pub(super) struct MergeArgs {
-    /// The shards of one bake, all of them, in any order
-    #[arg(required = true, value_name = "SHARD")]
-    shards: Vec<PathBuf>,
-    /// Asset to write (.tlux)
-    #[arg(short, long, value_name = "FILE")]
-    output: PathBuf,
-    /// Write the asset although it misses what was asked for
-    #[arg(long)]
-    keep_on_fail: bool,
-}
 
 /// What must be equal in all shards of a bake.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -276,7 +261,7 @@ pub(super) struct Merged {
 
 impl Merged {
     /// Opens all shards of a bake, and tells what is missing, doubled or of another bake.
-    fn open(paths: &[PathBuf]) -> Result<Self> {
+    pub(super) fn open(paths: &[PathBuf]) -> Result<Self> {
         let mut files = paths.iter().map(|path| ShardFile::open(path)).collect::<Result<Vec<_>>>()?;
         files.sort_by_key(|file| file.index);
         let Some(first) = files.first() else { return Err(Error::command_line("no shard is given")) };
@@ -300,6 +285,23 @@ impl Merged {
             return Err(Error::input(format!("of {count} shards {missing} {is} missing: all of them are needed")));
         }
         Ok(Self { files, used: Mutex::default() })
+    }
+
+    /// The options of the bake as a file has them, and the shard that they are from.
+    pub(super) fn options(&self) -> Option<(&Path, &str)> {
+        self.files.first().map(|file| (file.path.as_path(), file.options.as_str()))
+    }
+
+    /// Refuses what the same options ask for now, of files as they are now, where that is no longer what the shards are of.
+    pub(super) fn check(&self, request: &str, inputs: &[Input]) -> Result<()> {
+        let Some(first) = self.files.first() else { return Ok(()) };
+        match first.identity.differs(&Identity::new(request, inputs, first.identity.count)) {
+            Some(why) => {
+                let message = format!("not what this bake is now: {why}");
+                Err(Error::input(message).in_file(&first.path))
+            }
+            None => Ok(()),
+        }
     }
 
     /// Refuses a merge that did not need what the shards computed: then they are of another bake after all.
@@ -428,27 +430,4 @@ impl Computed {
         let (shard, shards) = (index + 1, count);
         console.report("bake", &ShardReport { output: output.to_owned(), shard, shards, blocks, bytes })
     }
-}
-
-/// Puts shards together; `parse` makes the arguments of the bake from its options.
-pub(super) fn merge(
-    args: &MergeArgs,
-    parse: impl FnOnce(&Path, String, &Path) -> Result<BakeArgs>,
-    console: &Console,
-) -> Result<ExitCode> {
-    output::check(std::slice::from_ref(&args.output), &["tlux"], console)?;
-    let merged = Merged::open(&args.shards)?;
-    let Some(first) = merged.files.first() else { return Err(Error::command_line("no shard is given")) };
-    let (path, identity) = (first.path.clone(), first.identity.clone());
-    let mut bake = parse(&path, first.options.clone(), &args.output)?;
-    bake.build.keep_on_fail = args.keep_on_fail;
-    bake::merged(&bake, Arc::new(merged), console, |request, inputs| {
-        match identity.differs(&Identity::new(request, inputs, identity.count)) {
-            Some(why) => {
-                let message = format!("not what this bake is now: {why}");
-                Err(Error::input(message).in_file(&path))
-            }
-            None => Ok(()),
-        }
-    })
 }
