@@ -18,6 +18,7 @@ use super::rebuild::{self, BuildOptions};
 use super::shards::{self, Computed, Merged, ShardOptions};
 use crate::asset::{Asset, Provenance, REQUEST};
 use crate::error::{Error, ExitCode, Result};
+use crate::evaluate::division::Shard;
 use crate::evaluate::{BakeSettings, Recipe, StageCache};
 use crate::geometry::check::MeshCheck;
 use crate::import::Imported;
@@ -111,13 +112,14 @@ fn resolve(args: &BakeArgs, console: &Console) -> Result<What> {
 
 pub(super) fn run(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
     let what = resolve(args, console)?;
-    let suffix = if args.shards.shard.is_some() { shards::SUFFIX } else { "tlux" };
+    let shard = args.shards.shard;
+    let suffix = if shard.is_some() { shards::SUFFIX } else { "tlux" };
     output::check(std::slice::from_ref(&args.output), &[suffix], console)?;
     args.plan.check_report(&args.output)?;
     args.build.check(&args.output)?;
     let request = rebuild::request(&args.model, &what.of_method());
-    if args.shards.shard.is_some() {
-        return shard(args, what, &request, console);
+    if let Some(shard) = shard {
+        return share(args, (what, &request), shard, console);
     }
     if args.build.is_current(&args.output, &request, &args.model, console)? {
         return current(args, console);
@@ -162,7 +164,7 @@ fn baked(args: &BakeArgs, what: What, (request, stages): (&str, StageCache), con
 }
 
 /// Computes the blocks of a shard and writes them.
-fn shard(args: &BakeArgs, what: What, request: &str, console: &Console) -> Result<ExitCode> {
+fn share(args: &BakeArgs, (what, request): (What, &str), shard: Shard, console: &Console) -> Result<ExitCode> {
     match &what {
         What::Named(recipe) if recipe.form.divides() => {}
         What::Named(recipe) => {
@@ -181,9 +183,8 @@ fn shard(args: &BakeArgs, what: What, request: &str, console: &Console) -> Resul
         return Err(Error::command_line("-o -: a shard needs a file"));
     }
     let inputs = rebuild::inputs(&args.model)?;
-    let Some(computed) = Computed::new(&args.shards, &args.output, (request, &inputs))? else {
-        return Err(Error::runtime("a bake without shards has none"));
-    };
+    let before = args.shards.from_shard.as_deref();
+    let computed = Computed::new((shard, before), &args.output, (request, &inputs))?;
     let stages = StageCache::default().divided(computed.clone());
     match baked(args, what, (request, stages), console) {
         Err(_) if computed.is_done() => computed.write(&args.output, &args.shards, (request, &inputs), console),

@@ -153,7 +153,7 @@ impl ShardFile {
         let manifest: Manifest =
             serde_json::from_str(&text).map_err(|e| invalid(format!("what it says of itself cannot be read: {e}")))?;
         let Manifest { schema, identity, index, options, entries } = manifest;
-        if schema != SCHEMA || index >= identity.count {
+        if schema != SCHEMA || index >= identity.count || identity.count > MOST {
             return Err(invalid(format!("no shard of this program: {schema}, {index} of {}", identity.count)));
         }
         let (mut common, mut blocks) = (BTreeMap::new(), BTreeMap::new());
@@ -381,21 +381,20 @@ pub(super) struct ShardReport {
 }
 
 impl Computed {
-    /// A shard that the options ask for, of a request and its files.
+    /// A shard of a request and its files, and what another one has for all.
     pub(super) fn new(
-        options: &ShardOptions,
+        (shard, before): (Shard, Option<&Path>),
         output: &Path,
         (request, inputs): (&str, &[Input]),
-    ) -> Result<Option<Arc<Self>>> {
-        let Some(shard) = options.shard else { return Ok(None) };
-        let before = options.from_shard.as_deref().map(ShardFile::open).transpose()?;
+    ) -> Result<Arc<Self>> {
+        let before = before.map(ShardFile::open).transpose()?;
         if let Some(before) = &before
             && let Some(why) = Identity::new(request, inputs, shard.count).differs(&before.identity)
         {
             return Err(Error::input(format!("--from-shard: not of this bake: {why}")).in_file(&before.path));
         }
         let state = State { bundle: Some(Bundle::begin(output)?), entries: Vec::new(), failed: None, is_done: false };
-        Ok(Some(Arc::new(Self { shard, before, state: Mutex::new(state) })))
+        Ok(Arc::new(Self { shard, before, state: Mutex::new(state) }))
     }
 
     /// True if all of its blocks are there, and the bake ended for that reason.
