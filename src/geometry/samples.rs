@@ -75,9 +75,14 @@ pub(super) fn longest_edge([a, b, c]: [DVec3; 3]) -> usize {
 }
 
 /// Cuts a triangle at the middle of the edge that starts at a corner, whatever its corners are given by.
-pub(super) fn cut_at<T: Copy>(mut corners: [T; 3], edge: usize, mut middle: impl FnMut(T, T) -> T) -> [[T; 3]; 2] {
-    corners.rotate_left(edge);
-    let [p, q, r] = corners;
+#[inline]
+pub(super) fn cut_at<T: Copy>([a, b, c]: [T; 3], edge: usize, mut middle: impl FnMut(T, T) -> T) -> [[T; 3]; 2] {
+    // `rotate_left` moves memory here, which took a tenth of the gathering on meshes of few triangles.
+    let [p, q, r] = match edge {
+        0 => [a, b, c],
+        1 => [b, c, a],
+        _ => [c, a, b],
+    };
     let middle = middle(p, q);
     [[p, middle, r], [middle, q, r]]
 }

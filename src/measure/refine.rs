@@ -192,6 +192,12 @@ fn finer(scene: &Scene, longest_mm: impl Fn(u32) -> f64, most: usize) -> Option<
     };
     let longest: Vec<f64> =
         (0..scene.mesh.triangles.len()).map(|t| medium(t).map_or(f64::INFINITY, &longest_mm)).collect();
+    // No triangle of such edges is larger than the equilateral one, so that many lengths are refused before the work.
+    let largest_mm2 = |length: f64| 0.25 * 3f64.sqrt() * length * length;
+    let least: f64 = longest.iter().zip(0..).map(|(&length, t)| scene.mesh.area_mm2(t) / largest_mm2(length)).sum();
+    if least > most as f64 {
+        return None;
+    }
     let Split { mesh, of_triangle } = split_long_edges(&with_shown_normals(scene), &longest, most)?;
     let part = |t: &u32| scene.parts.triangle_part.get(*t as usize).copied().unwrap_or(u32::MAX);
     let entries = scene.parts.parts.iter().map(|part| (part.name.clone(), part.medium)).collect();

@@ -3,6 +3,8 @@
 
 use std::f64::consts::PI;
 
+use crate::math::simd::{InstructionSet, multiversion};
+
 /// One-dimensional weights around a pixel, `2 * radius + 1` of them.
 #[derive(Clone, Debug)]
 pub(super) struct Taps {
@@ -101,13 +103,15 @@ pub(super) struct Plane {
     /// Rows without the margin.
     height: usize,
     reach: usize,
+    level: InstructionSet,
     values: Vec<f64>,
 }
 
 impl Plane {
     /// A plane of zeros.
     pub(super) fn new(width: usize, height: usize, reach: usize) -> Self {
-        Self { width, height, reach, values: vec![0.0; (width + 2 * reach) * (height + 2 * reach)] }
+        let values = vec![0.0; (width + 2 * reach) * (height + 2 * reach)];
+        Self { width, height, reach, level: InstructionSet::detect(), values }
     }
 
     /// All values with the margin, `width + 2 * reach` in a row.
@@ -125,9 +129,9 @@ impl Plane {
         let pitch = self.width + 2 * self.reach;
         let mut values = vec![0.0; self.width * (self.height + 2 * self.reach)];
         for (out, source) in values.chunks_exact_mut(self.width).zip(self.values.chunks_exact(pitch)) {
-            add_taps(out, taps, |offset| source.get(self.reach - taps.radius + offset..));
+            filter(self.level, out, &taps.weights, source.get(self.reach - taps.radius..).unwrap_or(&[]), 1);
         }
-        Filtered { width: self.width, height: self.height, reach: self.reach, values }
+        Filtered { width: self.width, height: self.height, reach: self.reach, level: self.level, values }
     }
 }
 
@@ -136,6 +140,7 @@ pub(super) struct Filtered {
     width: usize,
     height: usize,
     reach: usize,
+    level: InstructionSet,
     values: Vec<f64>,
 }
 
@@ -145,17 +150,40 @@ impl Filtered {
         let mut values = vec![0.0; self.width * self.height];
         for (row, out) in values.chunks_exact_mut(self.width).enumerate() {
             let first = row + self.reach - taps.radius;
-            add_taps(out, taps, |offset| self.values.get((first + offset) * self.width..));
+            filter(self.level, out, &taps.weights, self.values.get(first * self.width..).unwrap_or(&[]), self.width);
         }
         values
     }
 }
 
-/// Adds the weighted values of all taps, in their order.
-fn add_taps<'a>(out: &mut [f64], taps: &Taps, seen_by: impl Fn(usize) -> Option<&'a [f64]>) {
-    for (offset, weight) in taps.weights.iter().enumerate() {
-        for (out, value) in out.iter_mut().zip(seen_by(offset).unwrap_or(&[])) {
-            *out += weight * value;
+/// Values whose sums are kept in registers at a time.
+const TOGETHER: usize = 16;
+
+/// Sums of the weighted values of all taps, in their order; the value of a tap is `step` after that of the one before.
+#[inline(always)]
+fn filter_body(out: &mut [f64], weights: &[f64], source: &[f64], step: usize) {
+    let mut start = 0;
+    let mut blocks = out.chunks_exact_mut(TOGETHER);
+    for block in &mut blocks {
+        let mut sums = [0.0; TOGETHER];
+        for (tap, weight) in weights.iter().enumerate() {
+            let Some(values) = source.get(tap * step + start..).and_then(|s| s.first_chunk::<TOGETHER>()) else {
+                return;
+            };
+            for lane in 0..TOGETHER {
+                sums[lane] += weight * values[lane];
+            }
         }
+        block.copy_from_slice(&sums);
+        start += TOGETHER;
     }
+    for (i, out) in blocks.into_remainder().iter_mut().enumerate() {
+        let values = source.get(start + i..).unwrap_or(&[]).iter().step_by(step);
+        *out = weights.iter().zip(values).map(|(weight, value)| weight * value).sum();
+    }
+}
+
+multiversion! {
+    /// One row filtered along or across.
+    fn filter(out: &mut [f64], weights: &[f64], source: &[f64], step: usize) => filter_body
 }
