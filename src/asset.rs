@@ -10,7 +10,7 @@ use crate::compress::ledger::{Entry, Ledger};
 use crate::error::{Error, ExitCode, Result};
 use crate::geometry::mesh::Mesh;
 use crate::geometry::part_table::{PartEntry, PartTable};
-use crate::geometry::samples::{Facet, Samples};
+use crate::geometry::samples::Samples;
 use crate::geometry::source::CornerAttribute;
 use crate::import::{Origin, file::Input};
 use crate::io::atomic;
@@ -51,6 +51,8 @@ pub struct Asset {
     pub scene: Scene,
     /// Surface samples.
     pub samples: Samples,
+    /// Whether a file holds the samples although they could be made again from the mesh.
+    pub samples_stored: bool,
     /// Origin, method and settings.
     pub provenance: Provenance,
     /// The error that each lossy stage added.
@@ -60,6 +62,12 @@ pub struct Asset {
 }
 
 impl Asset {
+    /// A scene with samples and sections, for evaluators: nothing is known of where it comes from.
+    pub fn of_scene(scene: Scene, samples: Samples, sections: Vec<format::RawSection>) -> Self {
+        let (provenance, ledger) = (Provenance::default(), Ledger::default());
+        Self { scene, samples, samples_stored: false, provenance, ledger, sections }
+    }
+
     /// Encodes the file.
     ///
     /// # Errors
@@ -68,11 +76,8 @@ impl Asset {
         let file = format::AssetFile {
             mesh: mesh_to_file(&self.scene.mesh),
             parts: parts_to_file(&self.scene),
-            samples: format::Samples {
-                facets: self.samples.facets.iter().map(|f| [f.triangle, f.path]).collect(),
-                patch_offsets: self.samples.patch_offsets.clone(),
-                part_offsets: self.samples.part_offsets.clone(),
-            },
+            samples: self.samples.to_file(),
+            samples_stored: self.samples_stored,
             provenance: provenance_to_file(&self.provenance),
             ledger: self.ledger.entries.iter().map(entry_to_file).collect(),
             extra: self.sections.clone(),
@@ -102,11 +107,8 @@ impl Asset {
         let parts = PartTable::new(&mesh, file.parts.triangle_part, entries);
         Ok(Self {
             scene: Scene { mesh, parts, media },
-            samples: Samples {
-                facets: file.samples.facets.iter().map(|&[triangle, path]| Facet { triangle, path }).collect(),
-                patch_offsets: file.samples.patch_offsets,
-                part_offsets: file.samples.part_offsets,
-            },
+            samples: Samples::from_file(file.samples),
+            samples_stored: file.samples_stored,
             provenance: provenance_from_file(file.provenance),
             ledger: Ledger { entries: file.ledger.into_iter().map(entry_from_file).collect() },
             sections: file.extra,

@@ -16,7 +16,6 @@ use translux::math::statistics::vertex_error;
 use translux::medium::entrance_basis::EntranceBasis;
 use translux::progress::Silent;
 use translux::scene::Scene;
-use translux::transport::balanced_tree::in_tree_order;
 use translux::transport::gather::{Gather, Scheme};
 use translux::transport::irradiance_rows::{RowBaker, RowSettings};
 use translux::transport::near_rule::NearField;
@@ -117,8 +116,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
     let (model, vertices, count) = if context.quick { QUICK } else { MODEL };
     let scene = context.finer_scene(model, vertices, MATERIALS[0])?;
     let vertices = scene.mesh.local_mm.len();
-    let unordered = Samples::new(&scene.mesh, &scene.parts, count);
-    let samples = in_tree_order(&unordered, &patches(&scene.mesh, &unordered));
+    let samples = Samples::new(&scene.mesh, &scene.parts, count).in_tree_order(&scene.mesh, &scene.parts);
     let (patches, bvh) = (patches(&scene.mesh, &samples), Bvh::new(&scene.mesh));
     let surface = Surface { domain: scene.domain(), bvh: &bvh, samples: &samples, patches: &patches };
     let (subset, indices) = Receivers::new(&scene.mesh, &scene.parts, 16).subset(PROBES, 1);

@@ -9,7 +9,7 @@ use translux::geometry::scattered::{Kriging, OrientedPoint, Weights, choose};
 use translux::light::Light;
 use translux::progress::Silent;
 use translux::scene::Scene;
-use translux::transport::balanced_tree::{BalancedTree, LightDetails, in_tree_order};
+use translux::transport::balanced_tree::{BalancedTree, LightDetails};
 use translux::transport::irradiance::{Illumination, LightSampling};
 use translux::transport::surface::Surface;
 
@@ -50,8 +50,7 @@ pub(crate) struct Transport {
 
 impl Transport {
     pub(crate) fn new(scene: &Scene, count: usize) -> Result<Self> {
-        let unordered = Samples::new(&scene.mesh, &scene.parts, count);
-        let samples = in_tree_order(&unordered, &patches(&scene.mesh, &unordered));
+        let samples = Samples::new(&scene.mesh, &scene.parts, count).in_tree_order(&scene.mesh, &scene.parts);
         let patches = patches(&scene.mesh, &samples);
         let bvh = Bvh::new(&scene.mesh);
         let surface = Surface { domain: scene.domain(), bvh: &bvh, samples: &samples, patches: &patches };

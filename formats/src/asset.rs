@@ -19,7 +19,7 @@ use crate::types::{Budget, Codec, Element, ElementType, Kind, Scalar, Tag};
 use crate::writer::Writer;
 
 /// Every tag of the sections that this crate reads and writes itself.
-pub const COMMON_TAGS: [Tag; 19] = [
+pub const COMMON_TAGS: [Tag; 20] = [
     mesh::tags::ORIGIN,
     mesh::tags::POSITIONS,
     mesh::tags::TRIANGLES,
@@ -36,6 +36,7 @@ pub const COMMON_TAGS: [Tag; 19] = [
     samples::tags::FACETS,
     samples::tags::PATCH_OFFSETS,
     samples::tags::PART_OFFSETS,
+    samples::tags::RULE,
     metadata::tags::PROVENANCE,
     metadata::tags::LEDGER,
     metadata::tags::DARK,
@@ -212,6 +213,8 @@ pub struct AssetFile {
     pub parts: Parts,
     /// Surface samples.
     pub samples: Samples,
+    /// Whether samples are stored that could be made again from the mesh.
+    pub samples_stored: bool,
     /// Provenance of the asset.
     pub provenance: Provenance,
     /// The error that each lossy stage added.
@@ -268,8 +271,9 @@ impl AssetFile {
         metadata::add_ledger(&self.ledger, &mut writer)?;
         self.mesh.encode(&mut writer)?;
         self.parts.encode(&mut writer)?;
-        self.samples.encode(&mut writer)?;
+        self.samples.validate()?;
         self.validate_together()?;
+        self.samples.encode_for((&self.mesh, &self.parts), self.samples_stored, &mut writer)?;
         for RawSection { tag, kind, element, components, codec, bytes } in &self.extra {
             writer.add_bytes(*tag, *kind, (*element, *components), *codec, Cow::Borrowed(bytes.as_slice()))?;
         }
@@ -283,10 +287,13 @@ impl AssetFile {
     pub fn from_bytes(bytes: &[u8], budget: Budget) -> Result<Self> {
         let reader = Reader::parse(bytes, budget)?;
         let extra = read_extra(&reader)?;
+        let (mesh, parts) = (Mesh::decode(&reader)?, Parts::decode(&reader)?);
+        parts.validate_against(mesh.triangles.len())?;
         let asset = Self {
-            mesh: Mesh::decode(&reader)?,
-            parts: Parts::decode(&reader)?,
-            samples: Samples::decode(&reader)?,
+            samples: Samples::decode(&reader, &mesh, &parts, budget)?,
+            samples_stored: reader.find(samples::tags::FACETS).is_some(),
+            mesh,
+            parts,
             provenance: metadata::provenance(&reader)?,
             ledger: metadata::ledger(&reader)?,
             extra,

@@ -76,6 +76,7 @@ pub mod rows;
 pub mod samples;
 mod scan;
 pub mod scattering_lists;
+pub mod subdivision;
 pub mod texture_space;
 mod types;
 mod varints;

@@ -9,7 +9,7 @@ use crate::mesh::Mesh;
 use crate::metadata::{self, LedgerEntry, Provenance};
 use crate::parts::Parts;
 use crate::reader::Reader;
-use crate::samples::Samples;
+use crate::samples::{self, Samples};
 use crate::types::{Budget, Tag};
 
 /// Result of a scan. Without errors the file is exactly one that [`AssetFile::from_bytes`] accepts, and every component
@@ -44,14 +44,14 @@ pub fn scan(bytes: &[u8], budget: Budget) -> Scan {
         Ok(())
     };
     match Reader::parse_with(bytes, budget, &mut keep) {
-        Ok(reader) => scan.read(reader),
+        Ok(reader) => scan.read(reader, budget),
         Err(error) => scan.errors.push(error),
     }
     scan
 }
 
 impl Scan {
-    fn read(&mut self, reader: Reader<'_>) {
+    fn read(&mut self, reader: Reader<'_>, budget: Budget) {
         self.version = Some(reader.version());
         self.sections = reader.sections().to_vec();
         let mut damaged = BTreeSet::new();
@@ -72,10 +72,17 @@ impl Scan {
         damaged.extend(self.errors.iter().filter_map(FormatError::tag));
         self.mesh = self.component(&damaged, Mesh::decode(&reader));
         self.parts = self.component(&damaged, Parts::decode(&reader));
-        self.samples = self.component(&damaged, Samples::decode(&reader));
+        self.fit_parts();
+        let none = (Mesh::default(), Parts::default());
+        let (mesh, parts) = (self.mesh.as_ref().unwrap_or(&none.0), self.parts.as_ref().unwrap_or(&none.1));
+        // Where there is nothing to make samples from, that is the fault.
+        if reader.find(samples::tags::RULE).is_none() || (self.mesh.is_some() && self.parts.is_some()) {
+            let decoded = Samples::decode(&reader, mesh, parts, budget);
+            self.samples = self.component(&damaged, decoded);
+        }
         self.provenance = self.component(&damaged, metadata::provenance(&reader));
         self.ledger = self.component(&damaged, metadata::ledger(&reader));
-        self.check_together();
+        self.fit_samples();
     }
 
     /// Records a component or its error; that a damaged section is missing is not reported again.
@@ -88,14 +95,18 @@ impl Scan {
         None
     }
 
-    /// Checks the consistency of components; one that does not fit the others is removed.
-    fn check_together(&mut self) {
+    /// Removes parts that do not fit the mesh.
+    fn fit_parts(&mut self) {
         if let (Some(mesh), Some(parts)) = (&self.mesh, &self.parts)
             && let Err(error) = parts.validate_against(mesh.triangles.len())
         {
             self.errors.push(error);
             self.parts = None;
         }
+    }
+
+    /// Removes samples that do not fit the parts.
+    fn fit_samples(&mut self) {
         if let (Some(parts), Some(samples)) = (&self.parts, &self.samples)
             && let Err(error) = samples.validate_against(&parts.triangle_part, parts.parts.len())
         {
@@ -106,14 +117,16 @@ impl Scan {
 
     /// The whole asset, where there are no errors.
     pub fn into_asset(self) -> Option<AssetFile> {
-        let Self { errors, mesh, parts, samples, provenance, ledger, extra, .. } = self;
+        let Self { errors, sections, mesh, parts, samples, provenance, ledger, extra, .. } = self;
         if !errors.is_empty() {
             return None;
         }
+        let samples_stored = sections.iter().any(|info| info.tag == samples::tags::FACETS);
         Some(AssetFile {
             mesh: mesh?,
             parts: parts?,
             samples: samples?,
+            samples_stored,
             provenance: provenance?,
             ledger: ledger?,
             extra,

@@ -74,7 +74,8 @@ fn a_second_writer_from_the_specification_makes_files_that_read_the_same() {
 
 #[test]
 fn an_empty_asset_and_an_empty_container() {
-    let empty = AssetFile { samples: translux_format::Samples::none(0), ..Default::default() };
+    let samples = translux_format::Samples::none(0);
+    let empty = AssetFile { samples, samples_stored: true, ..Default::default() };
     let bytes = empty.to_bytes().unwrap();
     assert_eq!(AssetFile::from_bytes(&bytes, Budget::default()).unwrap(), empty);
     let nothing = Writer::new().finish();

@@ -6,18 +6,12 @@ import zlib
 import numpy as np
 import zstandard
 
+import subdivision
+from checks import Bad, need
+
 MAGIC = b"\x89TLUX\r\n\x1a"
 ELEMENTS = ["record", "u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8"]
 NONE = 0xFFFFFFFF
-
-
-class Bad(Exception):
-    """What a reader must refuse."""
-
-
-def need(condition, what):
-    if not condition:
-        raise Bad(what)
 
 
 class Record:
@@ -157,9 +151,14 @@ class Scene:
         need(((self.triangle_part < len(self.parts)) | (self.triangle_part == NONE)).all(), "parts of triangles")
 
         self._names_and_corners(file, vertices, count)
-        self.facets = file.array("samp.fac", "u4", 2).astype(np.int64)
-        self.patch_ends = file.array("samp.off", "u4").astype(np.int64)
         self.part_ends = file.array("samp.prt", "u4", 1, len(self.parts) + 1).astype(np.int64)
+        if file.has("samp.rul"):
+            need(not file.has("samp.fac") and not file.has("samp.off"), "samples are stored, and there is a rule")
+            rule = file.array("samp.rul", "u4", 2, 1)[0]
+            self.facets, self.patch_ends = subdivision.samples(self, rule, self.part_ends)
+        else:
+            self.facets = file.array("samp.fac", "u4", 2).astype(np.int64)
+            self.patch_ends = file.array("samp.off", "u4").astype(np.int64)
         need((self.facets[:, 0] < count).all() and (self.facets[:, 1] > 0).all(), "facets")
         corners = self.local[self.triangles]
         self.normals, self.areas = normals_and_areas(corners)

@@ -43,6 +43,9 @@ pub(super) struct BakeArgs {
     method: String,
     #[command(flatten)]
     options: BakeOptions,
+    /// What the asset holds although it could be made again from the mesh in less than a second
+    #[arg(long, value_name = "WHAT")]
+    store: Option<Stored>,
     #[command(flatten)]
     plan: PlanOptions,
     /// Model of the light inside that the kernels follow (default: calibrated where --method auto chooses, dipole for a method that is
@@ -67,6 +70,12 @@ enum Inside {
     Dipole,
     /// The dipole, calibrated by a few walks through each closed part: two_pass, editable, quantized_lights, all_frequency
     Calibrated,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Stored {
+    /// The samples of the surface: for readers that do not know the rule by which they are made
+    Samples,
 }
 
 impl Inside {
@@ -102,10 +111,15 @@ fn resolve(args: &BakeArgs, console: &Console) -> Result<What> {
         Inside::Calibrated => args.walks.calibrated(),
     };
     Ok(match args.method.as_str() {
-        planning::AUTO => What::Planned(args.plan.resolve(&args.options, model?)?),
+        planning::AUTO => {
+            let request = args.plan.resolve(&args.options, model?)?;
+            What::Planned(Request { samples_stored: args.store.is_some(), ..request })
+        }
         method => {
             args.plan.refuse_for(method)?;
-            What::Named(args.options.resolve(method, model?, console)?)
+            let mut recipe = args.options.resolve(method, model?, console)?;
+            recipe.settings.samples_stored = args.store.is_some();
+            What::Named(recipe)
         }
     })
 }
@@ -218,8 +232,8 @@ impl What {
     fn of_method(&self) -> String {
         match self {
             Self::Named(Recipe { method, texts, settings, .. }) => {
-                let BakeSettings { samples, max_rms, for_lights, model, .. } = settings;
-                format!("{method} {texts:?} {samples:?} {max_rms} {for_lights:?} {model:?}")
+                let BakeSettings { samples, samples_stored, max_rms, for_lights, model, .. } = settings;
+                format!("{method} {texts:?} {samples:?} {samples_stored} {max_rms} {for_lights:?} {model:?}")
             }
             Self::Planned(request) => format!("{request:?}"),
         }

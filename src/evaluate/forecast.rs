@@ -3,6 +3,8 @@
 
 use std::collections::BTreeSet;
 
+use translux_format::samples::MOST_MADE;
+
 use super::capabilities::MaterialEdit;
 use crate::light::LightKind;
 use crate::scene::Scene;
@@ -87,9 +89,15 @@ pub fn relight_of_kinds(of: impl Fn(LightKind) -> f64) -> Vec<(LightKind, f64)> 
     LightKind::ALL.into_iter().map(|kind| (kind, of(kind))).collect()
 }
 
-/// Bytes that a set of samples takes in a file: two for each triangle that may be in a cluster, and more for each cut; `ordered` where
-/// they are stored in the order of their tree.
-pub fn samples_bytes(samples: usize, body: Body, ordered: bool) -> f64 {
+/// Bytes of the rule by which samples are made again, with their number.
+const RULE_BYTES: f64 = 200.0;
+
+/// Bytes that a set of samples takes in a file: next to none where they are made again; else two for each triangle that may be in a cluster,
+/// and more for each cut, and still more where they are stored in the order of their tree.
+pub fn samples_bytes(samples: usize, body: Body, (ordered, stored): (bool, bool)) -> f64 {
+    if !stored && samples + body.triangles <= MOST_MADE {
+        return RULE_BYTES;
+    }
     let (n, triangles) = (samples as f64, body.triangles.max(1) as f64);
     let of_sample = (3.0 + 0.27 * (n / triangles).log2()).clamp(2.7, 4.3);
     let of_order = if ordered { 1.0 + 0.28 * ((n / triangles - 1.0) / 3.0).clamp(0.0, 1.0) } else { 1.0 };

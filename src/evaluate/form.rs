@@ -41,6 +41,8 @@ pub enum Model {
 pub struct BakeSettings {
     /// Number of surface samples; none for as many as the form needs.
     pub samples: Option<usize>,
+    /// Whether the file holds samples that could be made again from the mesh.
+    pub samples_stored: bool,
     /// Largest relative RMS error that is asked for.
     pub max_rms: f64,
     /// Kinds of light that the asset is made for.
@@ -64,6 +66,7 @@ impl BakeSettings {
     pub fn new(max_rms: f64) -> Self {
         Self {
             samples: None,
+            samples_stored: false,
             max_rms,
             for_lights: LightKind::STORABLE.into_iter().collect(),
             model: Model::Dipole,

@@ -168,11 +168,16 @@ impl Recipe {
             ("for-lights".to_owned(), kinds.join(",")),
             ("samples".to_owned(), parts.samples.len().to_string()),
         ]);
+        if self.settings.samples_stored {
+            provenance.settings.insert("store".to_owned(), "samples".to_owned());
+        }
         if let Model::Calibrated(_) = self.settings.model {
             provenance.settings.insert("model".to_owned(), "calibrated".to_owned());
         }
         let sections = self.form.record()?.into_iter().chain(parts.sections).collect();
-        let mut asset = Asset { scene, samples: parts.samples, provenance, ledger: parts.ledger, sections };
+        let samples_stored = self.settings.samples_stored;
+        let mut asset =
+            Asset { scene, samples: parts.samples, samples_stored, provenance, ledger: parts.ledger, sections };
         if matches!(self.settings.model, Model::Calibrated(_)) && self.settings.tells_model {
             let walks = match &self.settings.walks {
                 Some(walks) => Some(Arc::clone(walks)),

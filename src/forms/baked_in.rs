@@ -39,13 +39,7 @@ pub fn truth(scene: &Scene, samples: usize) -> GatheredEvaluator {
 
 /// An asset of samples and sections.
 fn sampled(scene: &Scene, samples: usize, sections: Vec<RawSection>) -> Arc<Asset> {
-    Arc::new(Asset {
-        samples: Samples::new(&scene.mesh, &scene.parts, samples),
-        scene: scene.clone(),
-        provenance: Default::default(),
-        ledger: Ledger::default(),
-        sections,
-    })
+    Arc::new(Asset::of_scene(scene.clone(), Samples::new(&scene.mesh, &scene.parts, samples), sections))
 }
 
 /// Rays towards an environment of all samples together, and of one at least.

@@ -4,7 +4,8 @@
 //! small triangles; every bit of surface belongs to exactly one patch, so the areas of the patches are exact and the
 //! near field can be integrated over the geometry of the same patches that the far field takes as points. The patches
 //! come from one largest-area-first subdivision (a kd-tree over triangles, then bisection inside a triangle), which
-//! ends at exactly the asked number: any count works, on any mix of triangle sizes. Where there are as many samples as
+//! ends at exactly the asked number: any count works, on any mix of triangle sizes. The rule is [`subdivision`]'s, since assets that follow
+//! it store no samples. Where there are as many samples as
 //! triangles, clusters are opened first, so that every triangle has its own irradiance.
 //!
 //! Why not blue noise: a sample set that ignores triangles has no exact near field, and point rules with random or
@@ -13,12 +14,9 @@
 //! 20,000, 131,072 and 500,000 samples ([`spacing`]): nearest neighbour at 0.76, 0.69, 0.69 of sqrt(area / count) with a
 //! variation of 0.18, 0.20, 0.20 (random points: 0.5 and 0.52), areas varying by 0.25, 0.21, 0.23.
 
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
-
 use glam::DVec3;
+use translux_format::subdivision::{self, Surface};
 
-use super::cluster::longest_axis;
 use super::mesh::Mesh;
 use super::part_table::{PartEntry, PartTable};
 
@@ -106,9 +104,32 @@ pub struct Samples {
 impl Samples {
     /// Cuts the transfer parts of a mesh into `count` patches (at least one for each part that is not opaque).
     pub fn new(mesh: &Mesh, parts: &PartTable, count: usize) -> Self {
-        let mut subdivision = Subdivision::new(mesh, parts);
-        subdivision.split_until(count);
-        subdivision.collect(parts.parts.len())
+        let transfers: Vec<bool> = parts.parts.iter().map(PartEntry::transfers).collect();
+        Self::from_file(subdivision::subdivide(&surface(mesh, parts), &transfers, count))
+    }
+
+    /// The samples with those of each part in the order of a balanced tree ([`subdivision::in_tree_order`]).
+    #[must_use]
+    pub fn in_tree_order(&self, mesh: &Mesh, parts: &PartTable) -> Self {
+        Self::from_file(subdivision::in_tree_order(&surface(mesh, parts), &self.to_file()))
+    }
+
+    /// The samples as a file has them.
+    pub fn to_file(&self) -> translux_format::Samples {
+        translux_format::Samples {
+            facets: self.facets.iter().map(|f| [f.triangle, f.path]).collect(),
+            patch_offsets: self.patch_offsets.clone(),
+            part_offsets: self.part_offsets.clone(),
+        }
+    }
+
+    /// The samples of a file.
+    pub fn from_file(file: translux_format::Samples) -> Self {
+        Self {
+            facets: file.facets.into_iter().map(|[triangle, path]| Facet { triangle, path }).collect(),
+            patch_offsets: file.patch_offsets,
+            part_offsets: file.part_offsets,
+        }
     }
 
     /// Number of patches.
@@ -132,199 +153,13 @@ impl Samples {
     }
 }
 
-/// No child.
-const NONE: u32 = u32::MAX;
-
-/// A node of the subdivision: a cluster of triangles, or a piece of one.
-struct Node {
-    area: f64,
-    content: Content,
-    /// First of two consecutive children: made in advance for clusters, on splitting for facets.
-    children: u32,
-    split: bool,
-}
-
-enum Content {
-    /// A run of the order of triangles.
-    Cluster(std::ops::Range<u32>),
-    Facet(Facet),
-}
-
-/// The hierarchy from whole parts over clusters and triangles to facets.
-struct Subdivision {
-    order: Vec<u32>,
-    nodes: Vec<Node>,
-    /// Part and root node.
-    roots: Vec<(u32, u32)>,
-}
-
-impl Subdivision {
-    /// Clusters of every part down to single triangles.
-    fn new(mesh: &Mesh, parts: &PartTable) -> Self {
-        use crate::parallel::*;
-        let triangles: Vec<Triangle> = (0..mesh.triangles.len() as u32)
-            .into_par_iter()
-            .map(|t| {
-                let corners = mesh.corners_local_mm(t);
-                Triangle { centroid: corners.iter().sum::<DVec3>() / 3.0, area: area(corners) }
-            })
-            .collect();
-        let mut members = vec![Vec::new(); parts.parts.len()];
-        for (triangle, &part) in parts.triangle_part.iter().enumerate() {
-            if parts.parts.get(part as usize).is_some_and(PartEntry::transfers) {
-                members[part as usize].push(triangle as u32);
-            }
-        }
-        let mut result = Self { order: Vec::new(), nodes: Vec::new(), roots: Vec::new() };
-        for (part, mut order) in members.into_iter().enumerate().filter(|(_, order)| !order.is_empty()) {
-            let (base, first) = (result.nodes.len() as u32, result.order.len() as u32);
-            result.roots.push((part as u32, base));
-            result.nodes.extend(shifted(clusters(&mut order, first, &triangles), base));
-            result.order.extend(order);
-        }
-        result
+/// A mesh as the rule of the samples sees it.
+fn surface<'a>(mesh: &'a Mesh, parts: &'a PartTable) -> Surface<'a> {
+    Surface {
+        positions_mm: bytemuck::cast_slice(&mesh.local_mm),
+        triangles: &mesh.triangles,
+        triangle_part: &parts.triangle_part,
     }
-
-    fn split_until(&mut self, count: usize) {
-        let own_triangles = count >= self.order.len();
-        let candidate = |nodes: &[Node], node: u32| {
-            let Node { area, content, .. } = &nodes[node as usize];
-            let cluster = matches!(content, Content::Cluster(range) if range.len() > 1);
-            // Clusters first, then by area, whose bits are in its order because it is not negative; then the older node.
-            (own_triangles && cluster, area.to_bits(), Reverse(node))
-        };
-        let mut heap: BinaryHeap<(bool, u64, Reverse<u32>)> =
-            self.roots.iter().map(|&(_, node)| candidate(&self.nodes, node)).collect();
-        let mut leaves = heap.len();
-        while leaves < count {
-            let Some((_, _, Reverse(node))) = heap.pop() else { break };
-            if let Some(children) = self.split(node) {
-                heap.extend(children.map(|c| candidate(&self.nodes, c)));
-                leaves += 1;
-            }
-        }
-    }
-
-    fn split(&mut self, index: u32) -> Option<[u32; 2]> {
-        let node = &self.nodes[index as usize];
-        let mut children = node.children;
-        if children == NONE {
-            let facet = match &node.content {
-                Content::Cluster(range) => Facet::whole(self.order[range.start as usize]),
-                Content::Facet(facet) => *facet,
-            };
-            let (halves, half) = (facet.halves()?, 0.5 * node.area);
-            children = u32::try_from(self.nodes.len()).ok().filter(|&c| c < NONE - 2)?;
-            self.nodes.extend(halves.map(|facet| Node {
-                area: half,
-                content: Content::Facet(facet),
-                children: NONE,
-                split: false,
-            }));
-        }
-        let node = &mut self.nodes[index as usize];
-        node.children = children;
-        node.split = true;
-        Some([children, children + 1])
-    }
-
-    /// The leaves in depth-first order.
-    fn collect(&self, parts: usize) -> Samples {
-        let mut samples =
-            Samples { facets: Vec::new(), patch_offsets: vec![0], part_offsets: Vec::with_capacity(parts + 1) };
-        for &(part, root) in &self.roots {
-            samples.part_offsets.resize(part as usize + 1, samples.patch_offsets.len() as u32 - 1);
-            let mut stack = vec![root];
-            while let Some(index) = stack.pop() {
-                let node = &self.nodes[index as usize];
-                if node.split {
-                    stack.extend([node.children + 1, node.children]);
-                    continue;
-                }
-                match &node.content {
-                    Content::Cluster(range) => {
-                        let first = samples.facets.len();
-                        let triangles = &self.order[range.start as usize..range.end as usize];
-                        samples.facets.extend(triangles.iter().map(|&t| Facet::whole(t)));
-                        samples.facets[first..].sort_unstable();
-                    }
-                    Content::Facet(facet) => samples.facets.push(*facet),
-                }
-                samples.patch_offsets.push(samples.facets.len() as u32);
-            }
-        }
-        samples.part_offsets.resize(parts + 1, samples.patch_offsets.len() as u32 - 1);
-        samples
-    }
-}
-
-/// A triangle as the clustering sees it.
-#[derive(Clone, Copy)]
-struct Triangle {
-    centroid: DVec3,
-    area: f64,
-}
-
-/// Nodes whose children are further back by `shift`.
-fn shifted(nodes: Vec<Node>, shift: u32) -> impl Iterator<Item = Node> {
-    let moved = move |node: Node| match node.children {
-        NONE => node,
-        children => Node { children: children + shift, ..node },
-    };
-    nodes.into_iter().map(moved)
-}
-
-/// Below this many triangles a subtree of clusters is one task.
-const TASK: usize = 2048;
-
-/// The tree of clusters over `order`, which begins at `first` in the order of all parts, split at the median of the area
-/// along the longest axis; the root comes first and siblings are neighbours. The result does not depend on the number of
-/// threads.
-fn clusters(order: &mut [u32], first: u32, triangles: &[Triangle]) -> Vec<Node> {
-    let content = Content::Cluster(first..first + order.len() as u32);
-    let area = order.iter().map(|&t| triangles[t as usize].area).sum();
-    let mut nodes = vec![Node { area, content, children: NONE, split: false }];
-    if order.len() == 1 {
-        return nodes;
-    }
-    let middle = area_median(order, area, triangles);
-    let (left, right) = order.split_at_mut(middle);
-    let second = first + middle as u32;
-    let (left, right) = if left.len() + right.len() > TASK {
-        rayon::join(|| clusters(left, first, triangles), || clusters(right, second, triangles))
-    } else {
-        (clusters(left, first, triangles), clusters(right, second, triangles))
-    };
-    nodes[0].children = 1;
-    // Each list starts with its root; the two roots go side by side, then the rest of each.
-    let shift = left.len() as u32 + 1;
-    let (mut left, mut right) = (shifted(left, 2), shifted(right, shift));
-    nodes.extend(left.next());
-    nodes.extend(right.next());
-    nodes.extend(left);
-    nodes.extend(right);
-    nodes
-}
-
-/// Orders triangles along their longest axis and returns where half of the area is reached, at least 1 from each end.
-fn area_median(order: &mut [u32], total: f64, triangles: &[Triangle]) -> usize {
-    let centroid = |t: u32| triangles[t as usize].centroid;
-    let axis = longest_axis(order.iter().map(|&t| centroid(t)));
-    // Quickselect by area: keep the half that holds the median until it is one element wide.
-    let (mut low, mut high, mut before) = (0, order.len(), 0.0);
-    while high - low > 1 {
-        let k = (high - low) / 2;
-        order[low..high]
-            .select_nth_unstable_by(k, |&a, &b| centroid(a)[axis].total_cmp(&centroid(b)[axis]).then(a.cmp(&b)));
-        let left: f64 = order[low..low + k].iter().map(|&t| triangles[t as usize].area).sum();
-        if before + left > 0.5 * total {
-            high = low + k;
-        } else {
-            before += left;
-            low += k;
-        }
-    }
-    (low + 1).clamp(1, order.len() - 1)
 }
 
 /// Centroid, size and normal of a patch, derived from its facets.

@@ -146,6 +146,7 @@ impl Family {
     fn recipe(&self, request: &Request, samples: Option<usize>, share: f64) -> Result<Recipe> {
         let mut settings = BakeSettings::new(share * request.max_rms);
         settings.samples = samples;
+        settings.samples_stored = request.samples_stored;
         settings.for_lights.clone_from(&request.for_lights);
         settings.model = request.model;
         if !self.with_environment {

@@ -28,7 +28,6 @@ pub use self::request::{DEFAULT_MAX_RMS, Edits, Request};
 use self::truth::{Inside, Places, Sampling, TrueSums, Truth, between_few_vertices, samples_of_a_choice, telling};
 use self::verdict::{Verdict, misses};
 use crate::asset::{Asset, Provenance};
-use crate::compress::ledger::Ledger;
 use crate::error::Result;
 use crate::evaluate::forecast::Body;
 use crate::evaluate::{Model, Recipe, Registry, StageCache};
@@ -184,13 +183,7 @@ fn prepared(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
 /// # Errors
 /// A mesh that no file holds.
 pub fn mesh_bytes(scene: &Scene) -> Result<u64> {
-    let asset = Asset {
-        scene: scene.clone(),
-        samples: Samples::new(&scene.mesh, &scene.parts, FEWEST),
-        provenance: Provenance::default(),
-        ledger: Ledger::default(),
-        sections: Vec::new(),
-    };
+    let asset = Asset::of_scene(scene.clone(), Samples::new(&scene.mesh, &scene.parts, FEWEST), Vec::new());
     let sizes = sizes(&asset.to_bytes()?)?;
     Ok(sizes.file - sizes.stored_without_mesh)
 }

@@ -77,6 +77,8 @@ pub struct Request {
     pub max_relight_ms: Option<f64>,
     /// Longest bake, planning included, s.
     pub max_bake_s: Option<f64>,
+    /// Whether the file holds samples that could be made again from the mesh.
+    pub samples_stored: bool,
     /// Model of the light inside.
     #[serde(skip)]
     pub model: Model,
@@ -100,6 +102,7 @@ impl Request {
             max_bytes: None,
             max_relight_ms: None,
             max_bake_s: None,
+            samples_stored: false,
             model: Model::Dipole,
         }
     }

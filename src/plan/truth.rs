@@ -7,8 +7,7 @@ use glam::DVec3;
 use translux_format::RawSection;
 
 use super::request::Request;
-use crate::asset::{Asset, Provenance};
-use crate::compress::ledger::Ledger;
+use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::exitance::MeshPoint;
 use crate::evaluate::{BakeSettings, Evaluator, Form, Model, ModelWalks};
@@ -207,13 +206,7 @@ struct Sums(Box<dyn Evaluator>);
 impl Sums {
     /// `kernels` are the sections of calibrated kernels, where the model is not the dipole.
     fn new(scene: &Scene, samples: usize, form: &Gathered, kernels: &[RawSection]) -> Result<Self> {
-        let asset = Asset {
-            scene: scene.clone(),
-            samples: Samples::new(&scene.mesh, &scene.parts, samples),
-            provenance: Provenance::default(),
-            ledger: Ledger::default(),
-            sections: kernels.to_vec(),
-        };
+        let asset = Asset::of_scene(scene.clone(), Samples::new(&scene.mesh, &scene.parts, samples), kernels.to_vec());
         Form::open(form, Arc::new(asset)).map(Self)
     }
 

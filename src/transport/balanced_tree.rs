@@ -7,7 +7,6 @@
 use glam::DVec3;
 
 use super::light_range::{CommonColour, LightRange};
-use crate::geometry::cluster;
 use crate::geometry::samples::{Patch, Samples};
 
 /// Ranges shorter than this are one task.
@@ -42,41 +41,6 @@ impl Node {
 
 fn middle(first: usize, end: usize) -> usize {
     first + (end - first).div_ceil(2)
-}
-
-/// The samples with those of each part in the order of its tree: median splits by count along the longest axis.
-pub fn in_tree_order(samples: &Samples, patches: &[Patch]) -> Samples {
-    let centres: Vec<DVec3> = patches.iter().map(|p| p.centre_mm).collect();
-    let mut order: Vec<u32> = (0..samples.len() as u32).collect();
-    for part in 0..samples.part_offsets.len().saturating_sub(1) {
-        sort(&mut order[samples.part(part)], &centres);
-    }
-    let mut result = Samples {
-        facets: Vec::with_capacity(samples.facets.len()),
-        patch_offsets: Vec::with_capacity(samples.patch_offsets.len()),
-        part_offsets: samples.part_offsets.clone(),
-    };
-    result.patch_offsets.push(0);
-    for patch in order {
-        result.facets.extend_from_slice(samples.patch(patch as usize));
-        result.patch_offsets.push(result.facets.len() as u32);
-    }
-    result
-}
-
-fn sort(order: &mut [u32], centres: &[DVec3]) {
-    if order.len() <= 1 {
-        return;
-    }
-    let half = middle(0, order.len());
-    cluster::partition(order, centres, half);
-    let (left, right) = order.split_at_mut(half);
-    if left.len() + right.len() > TASK {
-        rayon::join(|| sort(left, centres), || sort(right, centres));
-    } else {
-        sort(left, centres);
-        sort(right, centres);
-    }
 }
 
 /// Geometry of a node.

@@ -6,7 +6,7 @@ use crate::transport::test_scene::{Fixture, named};
 
 fn fixture(samples: usize) -> (Fixture, Samples, Vec<Patch>) {
     let fixture = Fixture::new(shapes::icosphere(10.0, 3), named("marble"), samples);
-    let samples = in_tree_order(&fixture.samples, &fixture.patches);
+    let samples = fixture.samples.in_tree_order(&fixture.scene.mesh, &fixture.scene.parts);
     let patches = crate::geometry::samples::patches(&fixture.scene.mesh, &samples);
     (fixture, samples, patches)
 }

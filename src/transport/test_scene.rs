@@ -2,7 +2,6 @@
 
 use glam::DVec3;
 
-use super::balanced_tree::in_tree_order;
 use super::domain::Domain;
 use super::kernel::{Block, Receiver};
 use super::receivers::Receivers;
@@ -96,7 +95,7 @@ impl Fixture {
 
     /// The same with the samples in tree order.
     pub(super) fn in_tree_order(mut self) -> Self {
-        self.samples = in_tree_order(&self.samples, &self.patches);
+        self.samples = self.samples.in_tree_order(&self.scene.mesh, &self.scene.parts);
         self.patches = patches(&self.scene.mesh, &self.samples);
         self
     }

@@ -39,7 +39,7 @@ fn differences_are_named() {
     let outcome = folder.run("compare a.tlux b.tlux");
     assert_eq!(outcome.code, 7);
     let text = outcome.text();
-    for part in ["different: ", "samp.fac", "setting samples: 2000 | 1500"] {
+    for part in ["different: ", "samp.rul", "setting samples: 2000 | 1500"] {
         assert!(text.contains(part), "{part}: {text}");
     }
     assert!(!text.contains("mesh.pos"), "{text}");
@@ -48,7 +48,7 @@ fn differences_are_named() {
         let sections = report["assets"]["sections"].as_array().unwrap();
         sections.iter().find(|s| s["tag"] == tag).unwrap()["status"].as_str().unwrap().to_owned()
     };
-    assert_eq!((status("mesh.pos"), status("samp.fac")), ("equal".into(), "different".into()));
+    assert_eq!((status("mesh.pos"), status("samp.rul")), ("equal".into(), "different".into()));
     assert_eq!(report["assets"]["settings"][0]["key"], "samples");
     // They say nearly the same about light all the same.
     let near = folder.run("compare a.tlux b.tlux --fail-above 3%").ok();

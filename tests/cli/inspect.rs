@@ -63,9 +63,9 @@ fn only_directory_and_records_are_read() {
     let whole = folder.read("a.tlux");
     let reader = Reader::parse(&whole, Budget::default()).unwrap();
     let place = |tag: &str| reader.find(Tag::new(tag).unwrap()).unwrap().offset as usize;
-    for (tag, noticed) in [("mesh.pos", false), ("samp.fac", false), ("meta.src", true), ("part.rec", true)] {
+    for (tag, noticed) in [("mesh.pos", false), ("samp.rul", false), ("meta.src", true), ("part.rec", true)] {
         let mut damaged = whole.clone();
-        damaged[place(tag) + 9] ^= 1;
+        damaged[place(tag) + 7] ^= 1;
         folder.write("b.tlux", damaged);
         assert_eq!(folder.run("inspect b.tlux").code, if noticed { 3 } else { 0 }, "{tag}");
         folder.run("inspect b.tlux --deep").fails(3, &["b.tlux", tag]);

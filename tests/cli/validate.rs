@@ -282,14 +282,14 @@ fn strictness_turns_warnings_into_a_failure() {
 fn damage_does_not_hide_damage() {
     let mut bytes = GOOD.clone();
     let reader = Reader::parse(&GOOD, Budget::default()).unwrap();
-    for tag in ["mesh.pos", "samp.fac", "meta.err"] {
+    for tag in ["mesh.pos", "samp.prt", "meta.err"] {
         let section = reader.section(Tag::new(tag).unwrap()).unwrap();
         bytes[(section.offset + section.stored_bytes) as usize - 1] ^= 1;
     }
     let (code, report) = validate(&bytes);
     let found = findings(&report);
     let sections: Vec<&str> = found.iter().map(|(_, _, section)| section.as_deref().unwrap()).collect();
-    assert_eq!((code, sections), (3, vec!["meta.err", "mesh.pos", "samp.fac"]));
+    assert_eq!((code, sections), (3, vec!["meta.err", "mesh.pos", "samp.prt"]));
     assert!(found.iter().all(|(number, severity, _)| *number == 16 && severity == "error"));
 
     for (bytes, number) in [(&b"not an asset at all, but text"[..], 1), (&GOOD[..20], 2), (&GOOD[..GOOD.len() - 1], 4)]

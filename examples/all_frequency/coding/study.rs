@@ -2,8 +2,7 @@
 
 use glam::DVec3;
 use rayon::prelude::*;
-use translux::asset::{Asset, Provenance};
-use translux::compress::ledger::Ledger;
+use translux::asset::Asset;
 use translux::compress::prediction::Net;
 use translux::error::{Error, Result};
 use translux::evaluate::{BakeSettings, Probes};
@@ -239,13 +238,8 @@ impl<'a> Study<'a> {
         let harmonics = Harmonics { order: self.uncoded.order as u32, spacing_mm, set: set.clone() };
         let file = DistantTransport { harmonics: Some(harmonics), ..Default::default() };
         let parts = self.scene.parts.parts.len();
-        let asset = Asset {
-            scene: self.scene.clone(),
-            samples: Samples { facets: Vec::new(), patch_offsets: vec![0], part_offsets: vec![0; parts + 1] },
-            provenance: Provenance::default(),
-            ledger: Ledger::default(),
-            sections: file.to_sections().map_err(failed)?,
-        };
+        let samples = Samples { facets: Vec::new(), patch_offsets: vec![0], part_offsets: vec![0; parts + 1] };
+        let asset = Asset::of_scene(self.scene.clone(), samples, file.to_sections().map_err(failed)?);
         bytes_per_vertex(&asset).map(|bytes| bytes * self.vertices())
     }
 

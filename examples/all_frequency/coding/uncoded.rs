@@ -137,13 +137,7 @@ mod tests {
         let uncoded = Uncoded::new(&scene, &form, &settings, &Silent).unwrap();
         assert_eq!((uncoded.order, uncoded.points.len()), (4, scene.mesh.local_mm.len()));
         let parts = Form::bake(&form, &scene, &settings, &Silent).unwrap();
-        let asset = Asset {
-            scene: scene.clone(),
-            samples: parts.samples,
-            provenance: Default::default(),
-            ledger: parts.ledger,
-            sections: parts.sections,
-        };
+        let asset = Asset { ledger: parts.ledger, ..Asset::of_scene(scene.clone(), parts.samples, parts.sections) };
         let mut evaluator = Form::open(&form, Arc::new(asset)).unwrap();
         let net = uncoded.net(1.5);
         assert!(net.point.len() < uncoded.points.len() / 2, "{}", net.point.len());

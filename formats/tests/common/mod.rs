@@ -60,6 +60,7 @@ pub fn full_asset() -> AssetFile {
             patch_offsets: vec![0, 1, 4, 5],
             part_offsets: vec![0, 2, 3, 3],
         },
+        samples_stored: true,
         provenance: Provenance {
             algorithm_revision: 7,
             method: "two_pass".into(),

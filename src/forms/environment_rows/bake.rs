@@ -28,7 +28,6 @@ use crate::math::statistics::VertexError;
 use crate::medium::entrance_basis::EntranceBasis;
 use crate::parallel::*;
 use crate::progress::{Progress, Silent};
-use crate::transport::balanced_tree::in_tree_order;
 use crate::transport::gather::{Gather, Scheme};
 use crate::transport::irradiance::{Illumination, LightSampling};
 use crate::transport::irradiance_rows::RowBaker;
@@ -166,8 +165,8 @@ impl Judged {
         if lights.is_empty() || etas.iter().any(|&eta| entrance.project(eta).is_err()) {
             return None;
         }
-        let unordered = Samples::new(domain.mesh, domain.parts, full.samples.len().div_ceil(COARSER));
-        let samples = in_tree_order(&unordered, &samples::patches(domain.mesh, &unordered));
+        let count = full.samples.len().div_ceil(COARSER);
+        let samples = Samples::new(domain.mesh, domain.parts, count).in_tree_order(domain.mesh, domain.parts);
         let patches = samples::patches(domain.mesh, &samples);
         Some(Self { lights, etas, samples, patches })
     }
@@ -401,8 +400,7 @@ mod tests {
             [(shapes::bumpy_head(10.0, 3), DVec3::ZERO), (shapes::icosphere(4.0, 3), DVec3::new(6.0, 9.0, 12.0))];
         let scene = scene(shapes::compose(&pair), "skin1");
         let bvh = Bvh::new(&scene.mesh);
-        let samples = Samples::new(&scene.mesh, &scene.parts, 3000);
-        let samples = in_tree_order(&samples, &samples::patches(&scene.mesh, &samples));
+        let samples = Samples::new(&scene.mesh, &scene.parts, 3000).in_tree_order(&scene.mesh, &scene.parts);
         let patches = samples::patches(&scene.mesh, &samples);
         let surface = Surface { domain: scene.domain(), bvh: &bvh, samples: &samples, patches: &patches };
         let settings = EnvironmentRows { side: 32, coefficients: 64 };

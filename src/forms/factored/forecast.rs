@@ -17,7 +17,7 @@ pub(super) fn forecast(form: &Factored, scene: &Scene, settings: &BakeSettings) 
     let (n, vertices) = (samples as f64, body.vertices as f64);
     let finer = 0.01 / settings.max_rms;
     let far = 1.85e6 * (n / 32768.0).powf(0.47) * finer.powf(0.6) * (vertices / 3000.0).min(1.0);
-    let mut bytes = samples_bytes(samples, body, true) + far;
+    let mut bytes = samples_bytes(samples, body, (true, settings.samples_stored)) + far;
     let mut bake_s = 0.5 + 7e-5 * n * finer.sqrt() + 1e-5 * vertices;
     let rows = form.environment.filter(|_| settings.is_for(LightKind::Environment));
     if let Some(rows) = rows {

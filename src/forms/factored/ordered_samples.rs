@@ -13,7 +13,7 @@ use crate::light::Light;
 use crate::medium::profile_basis::{ProfileBasis, Table};
 use crate::progress::Silent;
 use crate::scene::Scene;
-use crate::transport::balanced_tree::{BalancedTree, in_tree_order};
+use crate::transport::balanced_tree::BalancedTree;
 use crate::transport::far_field::LANES;
 use crate::transport::irradiance::{LightSampling, Pieces};
 use crate::transport::near_field::Corners;
@@ -52,8 +52,7 @@ pub(super) struct OrderedSamples {
 
 impl OrderedSamples {
     pub(super) fn new(scene: &Scene, count: usize, form: &Factored) -> Self {
-        let unordered = Samples::new(&scene.mesh, &scene.parts, count);
-        let samples = in_tree_order(&unordered, &samples::patches(&scene.mesh, &unordered));
+        let samples = Samples::new(&scene.mesh, &scene.parts, count).in_tree_order(&scene.mesh, &scene.parts);
         let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || samples::patches(&scene.mesh, &samples));
         let tree = BalancedTree::new(&samples, &patches);
         let corners = Corners::new(&scene.mesh, &samples, &patches);

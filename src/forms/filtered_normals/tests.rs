@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::*;
-use crate::asset::{Asset, Provenance};
+use crate::asset::Asset;
 use crate::evaluate::{BakeSettings, Evaluator, Form, Probes};
 use crate::forms::density::Density;
 use crate::forms::test_scene::{medium, scene};
@@ -32,13 +32,7 @@ fn baked(form: &FilteredNormals, scene: &Scene, probes: Probes) -> Asset {
     form.validate().unwrap();
     let settings = BakeSettings { probes, ..BakeSettings::new(0.05) };
     let parts = form.bake(scene, &settings, &Silent).unwrap();
-    Asset {
-        scene: scene.clone(),
-        samples: parts.samples,
-        provenance: Provenance::default(),
-        ledger: parts.ledger,
-        sections: parts.sections,
-    }
+    Asset { ledger: parts.ledger, ..Asset::of_scene(scene.clone(), parts.samples, parts.sections) }
 }
 
 fn opened(form: &FilteredNormals, scene: &Scene) -> Box<dyn Evaluator> {

@@ -10,7 +10,7 @@ use super::forecast::forecast;
 use super::lit_samples::GatheredEvaluator;
 use super::model;
 use super::settings::{Far, Gathered};
-use crate::asset::{Asset, Provenance};
+use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::evaluate::form::{read_error, write_error};
@@ -32,7 +32,6 @@ use crate::math::statistics::VertexError;
 use crate::medium::profile::Orders;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
-use crate::transport::balanced_tree::in_tree_order;
 use crate::transport::calibration::{Calibrated, Walks};
 use crate::transport::far_field::LANES;
 use crate::transport::irradiance::Pieces;
@@ -142,7 +141,7 @@ impl Form for Gathered {
             return Ok(AssetParts { samples, ledger, sections: calibration });
         }
         // Neighbours lie together, which rows in blocks rest on.
-        let samples = in_tree_order(&samples, &samples::patches(&scene.mesh, &samples));
+        let samples = samples.in_tree_order(&scene.mesh, &scene.parts);
         let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || samples::patches(&scene.mesh, &samples));
         let surface = Surface { domain: scene.domain(), bvh: &bvh, samples: &samples, patches: &patches };
         let receivers = Receivers::new(&scene.mesh, &scene.parts, LANES);
@@ -229,13 +228,7 @@ fn measured(
     if unseen.is_empty() {
         return Ok(Ledger::default());
     }
-    let asset = Asset {
-        scene: scene.clone(),
-        samples: samples.clone(),
-        provenance: Provenance::default(),
-        ledger: Ledger::default(),
-        sections: sections.to_vec(),
-    };
+    let asset = Asset::of_scene(scene.clone(), samples.clone(), sections.to_vec());
     let orders = Orders::beside_first(form.single.is_some());
     let evaluator = GatheredEvaluator::new(Arc::new(asset), form.gathering(Some(quality)));
     let mut evaluator = evaluator.with_model()?.of_orders(orders)?;

@@ -22,7 +22,7 @@ pub(super) fn forecast(form: &Gathered, scene: &Scene, settings: &BakeSettings) 
     let (n, vertices) = (samples as f64, body.vertices as f64);
     let rows = form.environment.filter(|_| settings.is_for(LightKind::Environment));
     let ordered = form.nets.is_some() || rows.is_some();
-    let mut bytes = samples_bytes(samples, body, ordered);
+    let mut bytes = samples_bytes(samples, body, (ordered, settings.samples_stored));
     let mut bake_s = 0.02 + 4e-7 * (body.triangles as f64 + n);
     let sums_ms = match form.nets {
         Some(_) => {

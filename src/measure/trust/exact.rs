@@ -5,7 +5,6 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use crate::asset::{Asset, Provenance};
-use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::evaluate::exitance::MeshPoint;
 use crate::evaluate::inter_reflection::{MOST_TIMES, Outside};
@@ -106,13 +105,7 @@ impl<'a> Exact<'a> {
             Which::Own if soft => (self.asset.samples.clone(), under_soft_light(scene, self.asset.samples.len()).1),
             Which::Own => (self.asset.samples.clone(), TRUE_RAYS),
         };
-        let asset = Asset {
-            scene: scene.clone(),
-            samples,
-            provenance: Provenance::default(),
-            ledger: Ledger::default(),
-            sections: sections_of(self.asset),
-        };
+        let asset = Asset::of_scene(scene.clone(), samples, sections_of(self.asset));
         let form = Gathered { sampling, ..self.form };
         (self.admit)(Form::run_memory(&form, &asset))?;
         let mut sums = Form::open(&form, Arc::new(asset))?;
