@@ -14,6 +14,7 @@ use crate::mesh::{self, Mesh};
 use crate::metadata::{self, LedgerEntry, Provenance};
 use crate::parts::{self, Parts};
 use crate::reader::Reader;
+use crate::sample_rule;
 use crate::samples::{self, Samples};
 use crate::types::{Budget, Codec, Element, ElementType, Kind, Scalar, Tag};
 use crate::writer::Writer;
@@ -273,7 +274,7 @@ impl AssetFile {
         self.parts.encode(&mut writer)?;
         self.samples.validate()?;
         self.validate_together()?;
-        self.samples.encode_for((&self.mesh, &self.parts), self.samples_stored, &mut writer)?;
+        sample_rule::encode(&self.samples, (&self.mesh, &self.parts), self.samples_stored, &mut writer)?;
         for RawSection { tag, kind, element, components, codec, bytes } in &self.extra {
             writer.add_bytes(*tag, *kind, (*element, *components), *codec, Cow::Borrowed(bytes.as_slice()))?;
         }
@@ -290,7 +291,7 @@ impl AssetFile {
         let (mesh, parts) = (Mesh::decode(&reader)?, Parts::decode(&reader)?);
         parts.validate_against(mesh.triangles.len())?;
         let asset = Self {
-            samples: Samples::decode(&reader, &mesh, &parts, budget)?,
+            samples: sample_rule::decode(&reader, (&mesh, &parts), budget)?,
             samples_stored: reader.find(samples::tags::FACETS).is_some(),
             mesh,
             parts,

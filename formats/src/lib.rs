@@ -73,6 +73,7 @@ pub mod quantised_values;
 pub mod range_coder;
 mod reader;
 pub mod rows;
+pub mod sample_rule;
 pub mod samples;
 mod scan;
 pub mod scattering_lists;

@@ -9,6 +9,7 @@ use crate::mesh::Mesh;
 use crate::metadata::{self, LedgerEntry, Provenance};
 use crate::parts::Parts;
 use crate::reader::Reader;
+use crate::sample_rule;
 use crate::samples::{self, Samples};
 use crate::types::{Budget, Tag};
 
@@ -77,7 +78,7 @@ impl Scan {
         let (mesh, parts) = (self.mesh.as_ref().unwrap_or(&none.0), self.parts.as_ref().unwrap_or(&none.1));
         // Where there is nothing to make samples from, that is the fault.
         if reader.find(samples::tags::RULE).is_none() || (self.mesh.is_some() && self.parts.is_some()) {
-            let decoded = Samples::decode(&reader, mesh, parts, budget);
+            let decoded = sample_rule::decode(&reader, (mesh, parts), budget);
             self.samples = self.component(&damaged, decoded);
         }
         self.provenance = self.component(&damaged, metadata::provenance(&reader));

@@ -144,7 +144,9 @@ impl Subdivision {
                 triangle,
             }));
             roots.push(part as u32);
-            nodes.push(cluster(&items, first..items.len() as u32));
+            let units: u64 = items[first as usize..].iter().map(|item| item.units).sum();
+            let content = Content::Cluster(first..items.len() as u32);
+            nodes.push(Node { area: units as f64, content, children: None });
         }
         Self { items, nodes, roots }
     }
@@ -175,8 +177,11 @@ impl Subdivision {
         let children = match content {
             Content::Cluster(range) if range.len() > 1 => {
                 let range = range.clone();
-                let middle = range.start + area_median(&mut self.items[range.start as usize..range.end as usize]);
-                [range.start..middle, middle..range.end].map(|half| cluster(&self.items, half))
+                let items = &mut self.items[range.start as usize..range.end as usize];
+                let (first, units) = area_median(items, *area as u64);
+                let middle = range.start + first;
+                let node = |range, area| Node { area, content: Content::Cluster(range), children: None };
+                [node(range.start..middle, units as f64), node(middle..range.end, area - units as f64)]
             }
             content => {
                 let [triangle, path] = match content {
@@ -187,7 +192,11 @@ impl Subdivision {
                     return None;
                 }
                 let half = 0.5 * area;
-                [0, 1].map(|bit| Node { area: half, content: Content::Facet([triangle, path << 1 | bit]), children: None })
+                [0, 1].map(|bit| Node {
+                    area: half,
+                    content: Content::Facet([triangle, path << 1 | bit]),
+                    children: None,
+                })
             }
         };
         self.nodes[index as usize].children = Some(first);
@@ -197,7 +206,8 @@ impl Subdivision {
 
     /// The leaves, depth first.
     fn collect(&self, parts: usize) -> Samples {
-        let mut samples = Samples { facets: Vec::new(), patch_offsets: vec![0], part_offsets: Vec::with_capacity(parts + 1) };
+        let mut samples =
+            Samples { facets: Vec::new(), patch_offsets: vec![0], part_offsets: Vec::with_capacity(parts + 1) };
         for (root, &part) in self.roots.iter().enumerate() {
             samples.part_offsets.resize(part as usize + 1, samples.patch_offsets.len() as u32 - 1);
             let mut stack = vec![root as u32];
@@ -224,11 +234,6 @@ impl Subdivision {
     }
 }
 
-fn cluster(items: &[Item], range: Range<u32>) -> Node {
-    let units: u64 = items[range.start as usize..range.end as usize].iter().map(|item| item.units).sum();
-    Node { area: units as f64, content: Content::Cluster(range), children: None }
-}
-
 /// The axis along which points extend farthest, the first of equals.
 fn longest_axis(points: impl Iterator<Item = Point>) -> usize {
     let none = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
@@ -246,17 +251,15 @@ fn along(axis: usize, (a, i): (&Point, u32), (b, j): (&Point, u32)) -> Ordering 
     (a[axis] + 0.0).total_cmp(&(b[axis] + 0.0)).then(i.cmp(&j))
 }
 
-/// Puts items along their longest axis, as far as needed, and returns how many of them come first: those before the one
-/// with which half of the area is exceeded, and this one, but not all.
-fn area_median(items: &mut [Item]) -> u32 {
+/// Puts items, of `total` units, along their longest axis, as far as needed, and returns how many of them come first, and
+/// their units: those before the one with which half of the area is exceeded, and this one, but not all.
+fn area_median(items: &mut [Item], total: u64) -> (u32, u64) {
     let axis = longest_axis(items.iter().map(|item| item.centroid));
-    let total: u64 = items.iter().map(|item| item.units).sum();
     let (mut low, mut high, mut before) = (0, items.len(), 0);
     while high - low > 1 {
         let k = (high - low) / 2;
-        items[low..high].select_nth_unstable_by(k, |a, b| {
-            along(axis, (&a.centroid, a.triangle), (&b.centroid, b.triangle))
-        });
+        items[low..high]
+            .select_nth_unstable_by(k, |a, b| along(axis, (&a.centroid, a.triangle), (&b.centroid, b.triangle)));
         let left: u64 = items[low..low + k].iter().map(|item| item.units).sum();
         if 2 * (before + left) > total {
             high = low + k;
@@ -265,7 +268,8 @@ fn area_median(items: &mut [Item]) -> u32 {
             low += k;
         }
     }
-    (low + 1).clamp(1, items.len() - 1) as u32
+    // The item at `low` is in its place.
+    if low + 1 < items.len() { (low as u32 + 1, before + items[low].units) } else { (low as u32, before) }
 }
 
 /// The same samples with those of each part in the order of a balanced tree: halves by number along the longest axis of

@@ -4,11 +4,11 @@
 mod common;
 
 use common::{Entry, build, sections_of};
-use translux_format::samples::MOST_MADE;
+use translux_format::sample_rule::MOST_MADE;
 use translux_format::subdivision::{Surface, in_tree_order, subdivide};
 use translux_format::{
-    AssetFile, Budget, FormatError, MediumRecord, Mesh, NO_MEDIUM, NO_PART, PartRecord, Parts, RawSection, Reader, Samples, Tag,
-    scan,
+    AssetFile, Budget, FormatError, MediumRecord, Mesh, NO_MEDIUM, NO_PART, PartRecord, Parts, RawSection, Reader,
+    Samples, Tag, scan,
 };
 
 /// A sheet of `side` x `side` uneven quadrilaterals, halved, in three parts of which the second is opaque, and some in none.
@@ -152,7 +152,8 @@ fn a_rule_that_is_not_kept_is_refused() {
         AssetFile::from_bytes(&file(&sections), Budget::default()).map(drop)
     };
     changed(&|_, _| ()).unwrap();
-    let refused: [&dyn Fn(&mut Vec<u32>, &mut Vec<u32>); 8] = [
+    type Change<'a> = &'a dyn Fn(&mut Vec<u32>, &mut Vec<u32>);
+    let refused: [Change<'_>; 8] = [
         &|rule, _| rule[0] = 1,
         &|rule, _| rule[0] = 2,
         &|rule, _| rule[1] ^= 1,

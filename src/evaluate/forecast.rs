@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use translux_format::samples::MOST_MADE;
+use translux_format::sample_rule::MOST_MADE;
 
 use super::capabilities::MaterialEdit;
 use crate::light::LightKind;
@@ -89,8 +89,8 @@ pub fn relight_of_kinds(of: impl Fn(LightKind) -> f64) -> Vec<(LightKind, f64)> 
     LightKind::ALL.into_iter().map(|kind| (kind, of(kind))).collect()
 }
 
-/// Bytes of the rule by which samples are made again, with their number.
-const RULE_BYTES: f64 = 200.0;
+/// Bytes of an asset whose samples are made again: the rule, settings, provenance and ledger.
+const RULE_BYTES: f64 = 1600.0;
 
 /// Bytes that a set of samples takes in a file: next to none where they are made again; else two for each triangle that may be in a cluster,
 /// and more for each cut, and still more where they are stored in the order of their tree.

@@ -216,3 +216,28 @@ fn inspect_tells_what_was_baked() {
     let hash = report["provenance"]["inputs"][0]["blake3"].as_str().unwrap();
     assert_eq!(hash, blake3::hash(&folder.read("heads.obj")).to_hex().as_str());
 }
+
+#[test]
+fn samples_are_stored_where_that_is_asked_for() {
+    let folder = heads();
+    for method in ["two_pass", "editable --for-lights directional"] {
+        let bake = format!("bake {HEADS} --method {method} --if-changed --json");
+        let made = folder.run(&format!("{bake} -o made.tlux")).ok().json();
+        folder.write("stored.tlux", folder.read("made.tlux"));
+        // What was asked for is not the same.
+        let stored = folder.run(&format!("{bake} --store samples -o stored.tlux")).ok().json();
+        let more = stored["bytes"].as_u64().unwrap() - made["bytes"].as_u64().unwrap();
+        assert!((1500..4500).contains(&more), "{method}: {more} bytes for 1,000 samples");
+        let report = |name: &str| folder.run(&format!("inspect {name} --json")).ok().json();
+        let (of_made, of_stored) = (report("made.tlux"), report("stored.tlux"));
+        assert_eq!(of_made["parts"], of_stored["parts"], "{method}");
+        assert_eq!(of_made["provenance"]["settings"]["store"], serde_json::Value::Null, "{method}");
+        assert_eq!(of_stored["provenance"]["settings"]["store"], "samples", "{method}");
+        for name in ["made", "stored"] {
+            let light = "--light directional:from=0.3,0.8,0.5:irradiance=3";
+            folder.run(&format!("evaluate {name}.tlux {light} -o {name}.ply -q")).ok();
+        }
+        assert!(folder.read("made.ply") == folder.read("stored.ply"), "{method}");
+    }
+    folder.run(&format!("bake {HEADS} --method two_pass --store rays -o a.tlux")).fails(1, &["rays", "samples"]);
+}
