@@ -47,7 +47,7 @@ impl Samples {
         self.patch_offsets.len().saturating_sub(1)
     }
 
-    /// Checks everything that [`Samples::decode`] guarantees: valid paths, offsets that start at 0, ascend and end at
+    /// Checks everything that reading guarantees: valid paths, offsets that start at 0, ascend and end at
     /// the end.
     ///
     /// # Errors
