@@ -107,7 +107,7 @@ fn patches_partition_the_parts_and_are_of_similar_area() {
     }
     let expected = asset.parts.triangle_part.iter().map(|part| if [0, 2].contains(part) { 1.0 } else { 0.0 });
     assert!(shares.iter().copied().eq(expected), "{shares:?}");
-    // No piece of any triangle is more than four times another, but for triangles that were never cut.
+    // No piece of a triangle is more than twice another piece of it.
     let depths = |t: u32| samples.facets.iter().filter(move |f| f[0] == t).map(|f| f[1].ilog2());
     for t in 0..shares.len() as u32 {
         let (least, most) = (depths(t).min().unwrap_or(0), depths(t).max().unwrap_or(0));
