@@ -29,7 +29,7 @@ use crate::render::frame::Frame;
 use crate::report::materials::MediumReport;
 use crate::report::picture::RenderReport;
 use crate::report::sizes::sizes;
-use crate::report::text::{duration, megabytes, percent};
+use crate::report::text::{duration, megabytes, percent, significant};
 use crate::scene::Scene;
 
 #[derive(Clone, Debug, Args)]
@@ -164,9 +164,9 @@ fn summary(r: &DemoReport, args: &DemoArgs, console: &Console) -> String {
     let mut lines = vec![
         format!("{asset}: {size}, {vertices} vertices, {samples} samples, baked in {bake}"),
         format!(
-            "  {:.0} bytes/vertex without the mesh, {:.0} more for environments; error of the bake {} RMS, {} more under \
+            "  {} bytes/vertex without the mesh, {:.0} more for environments; error of the bake {} RMS, {} more under \
              environments",
-            r.bytes_per_vertex,
+            significant(r.bytes_per_vertex),
             r.environment_bytes_per_vertex,
             percent(r.ledger.total_rms_without_environment()),
             percent(r.ledger.total_rms() - r.ledger.total_rms_without_environment()),

@@ -88,8 +88,8 @@ impl BakeReport {
             count => format!(" {count} samples {} mm apart,", significant(self.spacing.nominal_mm)),
         };
         let (output, size, took) = (self.output.display(), megabytes(self.bytes), duration(seconds));
-        let per_vertex = self.bytes_per_vertex;
-        let first = format!("{output}: {size},{samples} {per_vertex:.1} bytes/vertex without the mesh, {took}");
+        let per_vertex = significant(self.bytes_per_vertex);
+        let first = format!("{output}: {size},{samples} {per_vertex} bytes/vertex without the mesh, {took}");
         let mut lines = vec![first];
         let stage =
             |e: &crate::compress::ledger::Entry| format!("  {}: {} RMS ({})", e.stage, percent(e.error.rms), e.note);

@@ -11,7 +11,7 @@ use translux_format::{
 
 use super::materials::MediumReport;
 use super::sizes::{KindSize, SectionSize, Sizes, of_sections};
-use super::text::{megabytes, percent, titled};
+use super::text::{megabytes, percent, significant, titled};
 use crate::asset::{self, Asset, Provenance};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, ExitCode, Result};
@@ -243,8 +243,8 @@ impl fmt::Display for Inspection {
         let across = self.diagonal_mm.map_or_else(String::new, |across| format!(", {across:.1} mm across"));
         writeln!(f, "{asset}: {size}, method {method}, {vertices} vertices, {triangles} triangles{across}")?;
         let resident = self.bytes_per_vertex_resident.map_or_else(String::new, |b| format!(", {b:.1} resident"));
-        let on_disk = self.bytes_per_vertex_on_disk;
-        writeln!(f, "bytes/vertex without mesh and environment: {on_disk:.1} on disk{resident}")?;
+        let on_disk = significant(self.bytes_per_vertex_on_disk);
+        writeln!(f, "bytes/vertex without mesh and environment: {on_disk} on disk{resident}")?;
         if self.sizes.stored_environment > 0 {
             let disk = self.environment_bytes_per_vertex_on_disk;
             let resident = self.environment_bytes_per_vertex_resident;
