@@ -19,7 +19,7 @@ impl Run {
 }
 
 /// Axis along which the points extend most.
-pub fn longest_axis(points: impl Iterator<Item = DVec3>) -> usize {
+fn longest_axis(points: impl Iterator<Item = DVec3>) -> usize {
     let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let (low, high) = points.fold(none, |(low, high), p| (low.min(p), high.max(p)));
     (high - low).max_position()
