@@ -108,6 +108,9 @@ pub struct Probes {
     pub unseen: Vec<Light>,
 }
 
+/// Opens the finished asset of a bake.
+pub type Opener = Box<dyn FnOnce(Arc<Asset>) -> Result<Box<dyn Evaluator>>>;
+
 /// The result of a form's bake.
 pub struct AssetParts {
     /// The surface samples; empty for forms that evaluate none.
@@ -116,13 +119,16 @@ pub struct AssetParts {
     pub ledger: Ledger,
     /// Sections of the form's own.
     pub sections: Vec<RawSection>,
+    /// What opens the asset as [`Form::open`] does, with what the bake has made already; none where that spares no work.
+    pub opener: Option<Opener>,
 }
 
 impl AssetParts {
     /// Parts without samples, of a form whose evaluator reads none.
     pub fn without_samples(scene: &Scene, ledger: Ledger, sections: Vec<RawSection>) -> Self {
         let part_offsets = vec![0; scene.parts.parts.len() + 1];
-        Self { samples: Samples { facets: Vec::new(), patch_offsets: vec![0], part_offsets }, ledger, sections }
+        let samples = Samples { facets: Vec::new(), patch_offsets: vec![0], part_offsets };
+        Self { samples, ledger, sections, opener: None }
     }
 }
 

@@ -186,7 +186,11 @@ impl Recipe {
                 None => ModelWalks::new(&asset.scene, progress)?.map(Arc::new),
             };
             if let Some(walks) = walks {
-                let mut evaluator = self.form.open(Arc::new(asset.clone()))?;
+                let finished = Arc::new(asset.clone());
+                let mut evaluator = match parts.opener {
+                    Some(open) => open(finished)?,
+                    None => self.form.open(finished)?,
+                };
                 walks.enter(evaluator.as_mut(), &mut asset.ledger, progress)?;
                 return Ok((asset, Some(evaluator)));
             }

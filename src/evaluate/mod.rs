@@ -29,7 +29,7 @@ pub use capabilities::{Capabilities, Cost, MaterialEdit, ProfileEdit, SingleScat
 pub use evaluator::{DeviceEvaluator, Held};
 pub use evaluator::{Evaluator, Refined};
 pub use forecast::Forecast;
-pub use form::{AnyForm, AssetParts, BakeSettings, Form, Model, Probes, RegisteredForm};
+pub use form::{AnyForm, AssetParts, BakeSettings, Form, Model, Opener, Probes, RegisteredForm};
 pub use method::{About, Method, Recipe, Registry};
 pub use model_error::ModelWalks;
 pub use stage_cache::StageCache;

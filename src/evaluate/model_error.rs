@@ -10,7 +10,7 @@ use crate::light::Light;
 use crate::math::statistics::VertexError;
 use crate::progress::Progress;
 use crate::scene::Scene;
-use crate::transport::random_walk::exitance::{Effort, Exitance, exitance};
+use crate::transport::random_walk::exitance::{Effort, Exitance, Walkable};
 use crate::transport::random_walk::model_error::{over_places, points_of_a_triangle, project, project_points};
 use crate::transport::random_walk::tally::Hats;
 
@@ -37,11 +37,11 @@ impl ModelWalks {
     /// Failures of the walks.
     pub fn new(scene: &Scene, progress: &dyn Progress) -> Result<Option<Self>> {
         let sun = Light::Directional { from: DVec3::new(0.5, 0.8, 0.4).normalize(), irradiance: DVec3::ONE };
+        let walkable = Walkable::new(scene.domain());
         let mut all = Vec::new();
         for light in [sun, Light::Constant { radiance: DVec3::ONE }] {
-            let walk = |seed: u64| {
-                exitance(scene.domain(), std::slice::from_ref(&light), Effort::Photons(PHOTONS), seed, progress)
-            };
+            let walk =
+                |seed: u64| walkable.exitance(std::slice::from_ref(&light), Effort::Photons(PHOTONS), seed, progress);
             match (walk(SEEDS[0]), walk(SEEDS[1])) {
                 (Ok(first), Ok(second)) => all.push((light, [first, second])),
                 (Err(error), _) | (_, Err(error)) if error.code() == ExitCode::InvalidInput => return Ok(None),

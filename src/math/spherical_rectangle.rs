@@ -52,16 +52,21 @@ impl SphericalRectangle {
         let au = s * self.solid_angle + self.k;
         let sine = au.sin();
         let fu = (au.cos() * self.b[0] - self.b[1]) / if sine.abs() < 1e-300 { 1e-300 } else { sine };
-        let cu = (1.0 / fu.hypot(self.b[0]).max(1e-300)).copysign(fu).clamp(-1.0, 1.0);
+        let cu = (1.0 / length(fu, self.b[0]).max(1e-300)).copysign(fu).clamp(-1.0, 1.0);
         let xu = (-(cu * self.z) / (1.0 - cu * cu).max(1e-300).sqrt()).clamp(self.x[0], self.x[1]);
-        let d = xu.hypot(self.z);
-        let h0 = self.y[0] / d.hypot(self.y[0]);
-        let h1 = self.y[1] / d.hypot(self.y[1]);
+        let d = length(xu, self.z);
+        let h0 = self.y[0] / length(d, self.y[0]);
+        let h1 = self.y[1] / length(d, self.y[1]);
         let hv = h0 + t * (h1 - h0);
         let yv = if hv * hv < 1.0 - 1e-12 { hv * d / (1.0 - hv * hv).sqrt() } else { self.y[1] };
         let [u, v, n] = self.axes;
         self.origin + xu * u + yv.clamp(self.y[0], self.y[1]) * v + self.z * n
     }
+}
+
+/// Length of a vector whose square is in range: [`f64::hypot`] takes ten times as long.
+fn length(x: f64, y: f64) -> f64 {
+    (x * x + y * y).sqrt()
 }
 
 #[cfg(test)]

@@ -54,13 +54,15 @@ pub(super) struct Choice<'a> {
     /// What has been learnt of what samples add to the RMS, the same in all families: stages are tuned, so that what is more than expected
     /// comes from samples where there are any.
     of_samples: f64,
+    /// Samples of the asset with the most of those that were baked and missed.
+    missed_with: usize,
     tried: Vec<bool>,
 }
 
 impl<'a> Choice<'a> {
     pub(super) fn new(all: &'a [Candidate], request: &Request, families: usize) -> Self {
         let learnt = vec![Learnt { rms: 1.0, dark: 1.0, bytes: 1.0 }; families];
-        Self { all, request: request.clone(), learnt, of_samples: 1.0, tried: vec![false; all.len()] }
+        Self { all, request: request.clone(), learnt, of_samples: 1.0, missed_with: 0, tried: vec![false; all.len()] }
     }
 
     /// The next candidate to bake; none where nothing is expected to meet the request. Before anything was baked, an error that nobody
@@ -188,6 +190,9 @@ impl<'a> Choice<'a> {
         sampling: &mut Sampling,
     ) -> Result<bool> {
         let (candidate, request) = (&self.all[index], &self.request);
+        // What as many samples cost has been measured: nothing is left to luck.
+        let is_known = candidate.forecast.erring_samples().is_some_and(|samples| samples <= self.missed_with);
+        let share = if is_known { share.min(1.0) } else { share };
         let entry = &mut considered[candidate.entry];
         let mut set = |rms: Option<f64>, why: String| {
             if let Some(expected) = &mut entry.expected {
@@ -255,6 +260,7 @@ impl<'a> Choice<'a> {
         let bytes = attempt.bytes_per_vertex * candidate.vertices.max(1) as f64;
         learnt.bytes = ratio(bytes, candidate.forecast.bytes);
         if !attempt.misses.is_empty() {
+            self.missed_with = self.missed_with.max(candidate.forecast.erring_samples().unwrap_or(0));
             let entry = &mut considered[candidate.entry];
             (entry.left, entry.why) =
                 (Some(Left::Missed), format!("was baked, and missed: {}", attempt.misses.join("; ")));

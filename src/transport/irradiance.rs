@@ -350,6 +350,9 @@ impl<'a> Illumination<'a> {
     fn area(&self, light: &Rectangle, eta: f64, patch: usize, points: &[SurfacePoint], bundle: &mut Bundle) -> DVec3 {
         let side = self.sampling.area_side;
         for (index, p) in points.iter().enumerate() {
+            if !light.is_before(p.at, p.normal) {
+                continue;
+            }
             let Some(rectangle) = light.seen_from(p.at) else { continue };
             let cells = (index as u32..side * side).step_by(points.len());
             let share = rectangle.solid_angle() / (cells.len().max(1) * points.len()) as f64;

@@ -101,4 +101,13 @@ impl Rectangle {
         let behind = (at - self.centre).dot(self.normal) <= 0.0;
         (!behind).then(|| SphericalRectangle::new(at, self.corner, u, v, self.size_mm))
     }
+
+    /// True if some of the rectangle is in front of a place with a unit normal, or nearly.
+    pub(super) fn is_before(&self, at: DVec3, normal: DVec3) -> bool {
+        const ROUNDING: f64 = 1e-6;
+        let (corner, [width, height]) = (self.corner - at, self.size_mm);
+        let edges = [width * self.axes[0].dot(normal), height * self.axes[1].dot(normal)];
+        let highest = corner.dot(normal) + edges[0].max(0.0) + edges[1].max(0.0);
+        highest > -ROUNDING * (corner.length() + width + height)
+    }
 }

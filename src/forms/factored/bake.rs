@@ -146,7 +146,7 @@ impl Form for Factored {
             let (place, how) = ((&surface, &ordered.receivers), (rows, self.sampling, self.near));
             sections.extend(environment_rows::bake(place, how, settings, &mut ledger, progress)?);
         }
-        Ok(AssetParts { samples: ordered.samples, ledger, sections })
+        Ok(AssetParts { samples: ordered.samples, ledger, sections, opener: None })
     }
 
     fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {

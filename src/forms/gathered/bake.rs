@@ -20,7 +20,7 @@ use crate::evaluate::single_scattering::Traced;
 use crate::evaluate::stage_cache::Key;
 use crate::evaluate::stages::{of_kinds, spread};
 use crate::evaluate::{
-    AssetParts, BakeSettings, Capabilities, Evaluator, Forecast, Form, MaterialEdit, Model, ProfileEdit,
+    AssetParts, BakeSettings, Capabilities, Evaluator, Forecast, Form, MaterialEdit, Model, Opener, ProfileEdit,
 };
 use crate::forms::density;
 use crate::forms::environment_rows::{self, EnvironmentRows, StoredRows};
@@ -36,7 +36,7 @@ use crate::transport::calibration::{Calibrated, Walks};
 use crate::transport::far_field::LANES;
 use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::medium::{KernelsOfParts, MediumKernel};
-use crate::transport::multilevel::Quality;
+use crate::transport::multilevel::{Quality, SurfaceNets};
 use crate::transport::near_rule::NearRule;
 use crate::transport::receivers::Receivers;
 use crate::transport::surface::Surface;
@@ -138,7 +138,7 @@ impl Form for Gathered {
             progress.finish();
             let mut ledger = Ledger::default();
             ledger.add(NOTHING_STORED, VertexError::default(), "samples alone: errors are those of sums at run time");
-            return Ok(AssetParts { samples, ledger, sections: calibration });
+            return Ok(AssetParts { samples, ledger, sections: calibration, opener: None });
         }
         // Neighbours lie together, which rows in blocks rest on.
         let samples = samples.in_tree_order(&scene.mesh, &scene.parts);
@@ -148,18 +148,27 @@ impl Form for Gathered {
         progress.finish();
 
         let (mut ledger, mut sections) = (Ledger::default(), calibration);
+        let mut measured_with = None;
         if let Some(error) = self.nets {
             let kernels = kernels(scene, calibrated.as_ref(), orders);
             let asked = (error, settings.probes.tuning.as_slice());
             let key = |key: &mut Key| {
                 key.text(&format!("{self:?} {}", settings.max_rms)).samples(&samples);
             };
-            let quality = settings
-                .cache
-                .common("nets", key, || resolution(self, &surface, (&receivers, &kernels), asked, progress))?;
+            let mut nets = None;
+            let quality = settings.cache.common("nets", key, || {
+                let made = resolution(self, &surface, (&receivers, &kernels), asked, progress)?;
+                Ok(nets.insert(made).quality())
+            })?;
             sections.extend(numbers(quality).to_sections().map_err(write_error)?);
             ledger = settings.cache.common("errors of nets", key, || {
-                measured(self, (scene, &samples, &sections), quality, &settings.probes.unseen, progress)
+                let Some((ledger, evaluator)) =
+                    measured(self, (scene, &samples, &sections), (quality, nets), &settings.probes.unseen, progress)?
+                else {
+                    return Ok(Ledger::default());
+                };
+                measured_with = Some(evaluator);
+                Ok(ledger)
             })?;
         }
         if let Some(rows) = environment {
@@ -168,7 +177,12 @@ impl Form for Gathered {
             let (place, how) = ((&surface, &receivers), (rows, self.sampling, self.near));
             sections.extend(environment_rows::bake(place, how, settings, &mut ledger, progress)?);
         }
-        Ok(AssetParts { samples, ledger, sections })
+        let form = *self;
+        let opener = measured_with.map(|evaluator| {
+            let open = move |asset| form.finished(evaluator.of_asset(asset)).map(|e| Box::new(e) as Box<dyn Evaluator>);
+            Box::new(open) as Opener
+        });
+        Ok(AssetParts { samples, ledger, sections, opener })
     }
 
     fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
@@ -180,10 +194,17 @@ impl Form for Gathered {
             Ok(Quality { error, spacing, softening, near: NearRule { facets_below, pieces_below } })
         };
         let quality = self.nets.map(stored).transpose()?;
-        let rows = self.environment.map_or(Ok(None), |_| StoredRows::of(&asset))?;
         let evaluator = GatheredEvaluator::new(asset, self.gathering(quality)).with_model()?;
+        Ok(Box::new(self.finished(evaluator)?))
+    }
+}
+
+impl Gathered {
+    /// The evaluator with what lies beside its sums.
+    fn finished(&self, evaluator: GatheredEvaluator) -> Result<GatheredEvaluator> {
+        let rows = self.environment.map_or(Ok(None), |_| StoredRows::of(&evaluator.asset))?;
         let evaluator = evaluator.with_single(self.single)?;
-        Ok(Box::new(GatheredEvaluator { rows, outside: self.outside, ..evaluator }))
+        Ok(GatheredEvaluator { rows, outside: self.outside, ..evaluator })
     }
 }
 
@@ -205,35 +226,39 @@ fn resolution(
     (receivers, kernels): (&Receivers, &[KernelsOfParts]),
     (error, lights): (f64, &[Light]),
     progress: &dyn Progress,
-) -> Result<Quality> {
+) -> Result<SurfaceNets> {
     progress.start("resolution", 0);
     let domain = surface.domain;
     let lit = |light: &Light| environment_rows::sampled(surface, std::slice::from_ref(light), form.sampling, &Silent);
     let tuning: Vec<(Vec<DVec3>, Pieces)> = spread(lights, LIGHTS).map(lit).collect::<Result<_>>()?;
     let areas = receivers.areas_mm2(domain.mesh);
-    let quality = Quality::tuned((surface, kernels), (receivers, &areas), &tuning, error);
+    let nets = SurfaceNets::tuned((surface, kernels), (receivers, &areas), &tuning, error);
     progress.finish();
-    Ok(quality)
+    Ok(nets)
 }
 
-/// Errors of nets of a quality under light that is not in rows.
+/// Errors of nets of a quality under light that is not in rows, if there is any, and what has measured them; with nets of these samples and receivers,
+/// if they have been made.
 fn measured(
     form: &Gathered,
     (scene, samples, sections): (&Scene, &Samples, &[RawSection]),
-    quality: Quality,
+    (quality, nets): (Quality, Option<SurfaceNets>),
     unseen: &[Light],
     progress: &dyn Progress,
-) -> Result<Ledger> {
+) -> Result<Option<(Ledger, GatheredEvaluator)>> {
     let mut unseen = of_kinds(unseen, &environment_rows::BY_RAYS);
     if unseen.is_empty() {
-        return Ok(Ledger::default());
+        return Ok(None);
     }
     let asset = Asset::of_scene(scene.clone(), samples.clone(), sections.to_vec());
     let orders = Orders::beside_first(form.single.is_some());
     let evaluator = GatheredEvaluator::new(Arc::new(asset), form.gathering(Some(quality)));
     let mut evaluator = evaluator.with_model()?.of_orders(orders)?;
+    // Groups of another size have other lists of what is near.
+    nets.filter(|_| form.group as usize == LANES).into_iter().for_each(|nets| evaluator.take_nets(nets));
     evaluator.set_lights(vec![unseen.remove(0)], progress)?;
-    evaluator.measured_error(&unseen, progress)
+    let ledger = evaluator.measured_error(&unseen, progress)?;
+    Ok(Some((ledger, evaluator)))
 }
 
 fn numbers(quality: Quality) -> MultilevelSummation {

@@ -115,7 +115,8 @@ impl GatheredEvaluator {
         let gather = self.gather(&surface, NearField::REFERENCE);
         let (subset, points) = probe_points(&self.receivers, &self.areas);
         let truth = gather.radiosity(&subset, &gather.light_with_pieces(lit.0, lit.1), Scheme::AllPairs, &Silent);
-        let found = nets.radiosity(&surface, tables, self.sample_light(lit), &self.receivers);
+        let asked = (&self.receivers, Some(points.indices.as_slice()));
+        let found = nets.radiosity(&surface, tables, self.sample_light(lit), asked);
         points.error(&points.of(&found), &truth)
     }
 

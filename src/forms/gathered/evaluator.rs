@@ -83,10 +83,10 @@ fn not_negative(mut values: Vec<DVec3>) -> Vec<DVec3> {
 }
 
 impl GatheredEvaluator {
-    /// What all receivers gather over nets, if those have been made and resolve the kernels.
-    fn over_nets(&self) -> Option<Vec<DVec3>> {
+    /// What receivers gather over nets, all or those that are asked for, if nets have been made and resolve the kernels.
+    fn over_nets(&self, asked: Option<&[u32]>) -> Option<Vec<DVec3>> {
         let (nets, tables) = self.nets()?;
-        Some(nets.radiosity(&self.surface(), tables, self.sample_light(self.lit()), &self.receivers))
+        Some(nets.radiosity(&self.surface(), tables, self.sample_light(self.lit()), (&self.receivers, asked)))
     }
 
     /// What receivers gather without nets, for the places or vertices that they are made of; there must have been
@@ -194,7 +194,7 @@ impl Evaluator for GatheredEvaluator {
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         self.irradiance(progress)?;
         self.prepare_nets(None, progress);
-        if let Some(values) = self.over_nets() {
+        if let Some(values) = self.over_nets(None) {
             return Ok(self.receivers.expand(&not_negative(values)));
         }
         self.tuned_scheme();
@@ -206,7 +206,7 @@ impl Evaluator for GatheredEvaluator {
         let receiver = |vertex: &u32| self.receivers.of_vertex.get(*vertex as usize).copied().unwrap_or(NONE);
         let asked: Vec<u32> = vertices.iter().map(receiver).collect();
         self.prepare_nets(Some(&asked), progress);
-        if let Some(values) = self.over_nets() {
+        if let Some(values) = self.over_nets(Some(&asked)) {
             let values = not_negative(values);
             return Ok(asked.iter().map(|&r| values.get(r as usize).copied().unwrap_or_default()).collect());
         }

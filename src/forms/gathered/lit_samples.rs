@@ -143,6 +143,19 @@ impl GatheredEvaluator {
         Ok(self)
     }
 
+    /// The same of another asset of the same scene and samples, before there are lights.
+    pub(super) fn of_asset(mut self, asset: Arc<Asset>) -> Self {
+        self.forget_limits();
+        Self { asset, lights: Vec::new(), irradiance: None, returned: None, ..self }
+    }
+
+    /// Takes nets of its quality that have been made for its samples and receivers.
+    pub(super) fn take_nets(&mut self, made: SurfaceNets) {
+        if let Some(nets) = &mut self.nets {
+            nets.nets = Some(made);
+        }
+    }
+
     /// The calibrated kernels in force, if there are any.
     pub(super) fn calibrated(&self) -> Option<&Calibrated> {
         self.model.as_ref()?.in_force().map(|in_force| in_force.calibrated.as_ref())

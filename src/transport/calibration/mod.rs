@@ -276,8 +276,8 @@ impl Calibrated {
         Ok(Self { kernels: kernels(domain, &parts)?, parts, scale, lattice })
     }
 
-    /// Iterates `s <- s (t / (s K s))^(2/3)`, t the row sums of the walks and s K s those of the kernel: of all slots, or where
-    /// there are many of one slot in each of some clusters of the surface, and of the others at the end.
+    /// Finds factors s with the row sums s K s of the walks ([`Chebyshev`]): of all slots, or where there are many of one slot in each of some
+    /// clusters of the surface, and of the others at the end.
     fn solve(&mut self, surface: &Surface, tree: &SampleTree, halves: &[Vec<DVec3>; 2], progress: &dyn Progress) {
         if self.parts.iter().all(Option::is_none) {
             return;
@@ -310,10 +310,11 @@ impl Calibrated {
             }
         };
         let wanted = smoothing::smoothed(&lattice, halves, &guess);
+        let mut steps = Chebyshev::default();
         let Some(Clusters { slots: few, of_sample }) = clusters else {
             for _ in 0..MOST_ROUNDS {
                 let there = sums(&all, &self.of_samples(surface));
-                let change = stepped(&mut self.scale, wanted.iter().copied().zip(there), is_calibrated);
+                let change = steps.take(&mut self.scale, wanted.iter().copied().zip(there), is_calibrated);
                 progress.advance(1);
                 if change < SOLVED {
                     break;
@@ -327,7 +328,8 @@ impl Calibrated {
         for _ in 0..MOST_ROUNDS {
             let there = sums(&chosen, &of_samples(&of_few));
             let of = |slot: &u32| wanted[*slot as usize];
-            let change = stepped(&mut of_few, few.iter().map(of).zip(there), |i| is_calibrated(few[i] as usize));
+            let is_free = |i: usize| is_calibrated(few[i] as usize);
+            let change = steps.take(&mut of_few, few.iter().map(of).zip(there), is_free);
             progress.advance(1);
             if change < SOLVED {
                 break;
@@ -445,24 +447,44 @@ struct Clusters {
     of_sample: Vec<u32>,
 }
 
-/// One round: each factor times `(wanted / (factor there))^(2/3)`; the largest change. The errors of smooth factors count twice in row sums,
-/// those of rough ones once, so that two thirds of a step leave a third of either.
-fn stepped(
-    factors: &mut [DVec3],
-    wanted_and_there: impl Iterator<Item = (DVec3, DVec3)>,
-    is_free: impl Fn(usize) -> bool,
-) -> f64 {
-    let mut change: f64 = 0.0;
-    for (index, (factor, (wanted, there))) in factors.iter_mut().zip(wanted_and_there).enumerate() {
-        for c in 0..3 {
-            if is_free(index) && wanted[c] > 0.0 && there[c] > 0.0 {
-                let step = (wanted[c] / (factor[c] * there[c])).cbrt();
-                factor[c] *= step * step;
-                change = change.max((step * step - 1.0).abs());
+/// Steps towards factors s whose row sums s K s are those that are wanted, t. The step `s (t / (s K s))^(2/3)` alone leaves a third of any
+/// error: those of smooth factors count twice in row sums, those of rough ones once. Chebyshev's recurrence over the steps, in logarithms,
+/// leaves a sixth.
+#[derive(Default)]
+struct Chebyshev {
+    /// The factors before the last step, and its weight.
+    before: Option<(Vec<DVec3>, f64)>,
+}
+
+impl Chebyshev {
+    /// One step, given what is wanted and what is there; the largest change.
+    fn take(
+        &mut self,
+        factors: &mut [DVec3],
+        wanted_and_there: impl Iterator<Item = (DVec3, DVec3)>,
+        is_free: impl Fn(usize) -> bool,
+    ) -> f64 {
+        const LEFT: f64 = 1.0 / 3.0;
+        let weight = match self.before {
+            None => 1.0,
+            Some((_, 1.0)) => 1.0 / (1.0 - 0.5 * LEFT * LEFT),
+            Some((_, weight)) => 1.0 / (1.0 - 0.25 * LEFT * LEFT * weight),
+        };
+        let now = factors.to_vec();
+        let mut change: f64 = 0.0;
+        for (index, (factor, (wanted, there))) in factors.iter_mut().zip(wanted_and_there).enumerate() {
+            for c in 0..3 {
+                if is_free(index) && wanted[c] > 0.0 && there[c] > 0.0 {
+                    let step = (wanted[c] / (factor[c] * there[c])).cbrt().powi(2);
+                    let before = self.before.as_ref().map_or(factor[c], |(before, _)| before[index][c]);
+                    factor[c] = before * (factor[c] * step / before).powf(weight);
+                    change = change.max((step - 1.0).abs());
+                }
             }
         }
+        self.before = Some((now, weight));
+        change
     }
-    change
 }
 
 /// Weights of the corners of a triangle at a point in its plane.

@@ -26,20 +26,24 @@ pub(super) fn smoothed(lattice: &Lattice, halves: &[Vec<DVec3>; 2], guess: &[DVe
     let mean = paired(&first, &second, |a, b| 0.5 * (a + b));
     let guesses = [vec![[1.0; 3]; mean.len()], rows(guess)];
     let over = |of: &[[f64; 3]], guess: usize| paired(of, &guesses[guess], |t, k| if k > 0.0 { t / k } else { 1.0 });
-    let pass = |of: &[[f64; 3]], (guess, step): Choice, tolerance: f64| {
+    let pass = |of: &[[f64; 3]], (guess, step): Choice, tolerance: f64, from: &mut Option<Passes>| {
         let length = 0.25 * laplacian.mean_edge_mm * f64::from(1u32 << step);
-        let smooth = low_passed(&laplacian, length * length, &over(of, guess), tolerance);
+        let smooth = low_passed(&laplacian, length * length, &over(of, guess), tolerance, from);
         paired(&smooth, &guesses[guess], |s, k| s * k)
     };
     let mut best: [(f64, Option<Choice>); 3] = [(f64::INFINITY, None); 3];
     for guess in 0..guesses.len() {
-        let (mut least, mut worse) = ([f64::INFINITY; 3], 0);
+        let (mut least, mut worse, mut from) = ([f64::INFINITY; 3], 0, [None, None]);
         for step in 0..LENGTHS {
             if worse == WORSE {
                 break;
             }
             let choice = (guess, step);
-            let [from_a, from_b] = [&first, &second].map(|of| pass(of, choice, COARSE_TOLERANCE));
+            let [a, b] = &mut from;
+            let (from_a, from_b) = rayon::join(
+                || pass(&first, choice, COARSE_TOLERANCE, a),
+                || pass(&second, choice, COARSE_TOLERANCE, b),
+            );
             let risk: [f64; 3] = std::array::from_fn(|c| {
                 let terms = laplacian.mass_mm2.iter().enumerate().map(|(i, mass)| {
                     let (x, y) = (from_a[i][c] - second[i][c], from_b[i][c] - first[i][c]);
@@ -59,7 +63,7 @@ pub(super) fn smoothed(lattice: &Lattice, halves: &[Vec<DVec3>; 2], guess: &[DVe
     let mut result = mean.clone();
     let chosen: BTreeSet<Choice> = best.iter().filter_map(|(_, choice)| *choice).collect();
     for choice in chosen {
-        let smooth = pass(&mean, choice, TOLERANCE);
+        let smooth = pass(&mean, choice, TOLERANCE, &mut None);
         for c in (0..3).filter(|&c| best[c].1 == Some(choice)) {
             result.iter_mut().zip(&smooth).for_each(|(value, smooth)| value[c] = smooth[c]);
         }
@@ -76,12 +80,19 @@ fn paired(a: &[[f64; 3]], b: &[[f64; 3]], of: impl Fn(f64, f64) -> f64) -> Vec<[
     a.iter().zip(b).map(|(a, b)| [0, 1, 2].map(|c| of(a[c], b[c]))).collect()
 }
 
-/// Two steps of half the time each: nearer to heat than one.
-fn low_passed(laplacian: &Laplacian, t_mm2: f64, of: &[[f64; 3]], tolerance: f64) -> Vec<[f64; 3]> {
-    let mut values = of.to_vec();
-    for _ in 0..2 {
-        let source = values.clone();
-        laplacian.diffused(0.5 * t_mm2, &source, &mut values, tolerance);
-    }
-    values
+/// Values after one step of a low pass, and after two.
+type Passes = [Vec<[f64; 3]>; 2];
+
+/// Two steps of half the time each: nearer to heat than one. They start `from` those of a shorter time, which they replace.
+fn low_passed(
+    laplacian: &Laplacian,
+    t_mm2: f64,
+    of: &[[f64; 3]],
+    tolerance: f64,
+    from: &mut Option<Passes>,
+) -> Vec<[f64; 3]> {
+    let [once, twice] = from.get_or_insert_with(|| [of.to_vec(), of.to_vec()]);
+    laplacian.diffused(0.5 * t_mm2, of, once, tolerance);
+    laplacian.diffused(0.5 * t_mm2, once, twice, tolerance);
+    twice.clone()
 }

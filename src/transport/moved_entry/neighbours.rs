@@ -141,6 +141,10 @@ pub(super) fn neighbours(surface: &Surface, facets: &Facets, (sample, part): (us
     let patch = &surface.patches[sample];
     let frame = Frame::new(patch);
     let mesh = surface.domain.mesh;
+    let own = match surface.samples.patch(sample) {
+        [facet] => Some((facet.triangle, mesh.corners_local_mm(facet.triangle))),
+        _ => None,
+    };
     let mut around = [[sample as u32; DISTANCES]; AZIMUTHS];
     for (azimuth, of_azimuth) in around.iter_mut().enumerate() {
         let (sin, cos) = (azimuth as f64 * TAU / AZIMUTHS as f64).sin_cos();
@@ -150,9 +154,18 @@ pub(super) fn neighbours(surface: &Surface, facets: &Facets, (sample, part): (us
             if far < SHORT * patch.radius_mm || !far.is_finite() {
                 continue;
             }
+            // In its own triangle no surface is nearer to the plane.
+            let there = patch.centre_mm + far * along;
+            if let Some((triangle, corners)) = own
+                && is_inside(corners, frame.normal, there)
+                && let Some(neighbour) = facets.at(triangle, there)
+            {
+                *found = neighbour;
+                continue;
+            }
             let depth = SLOPE * far;
             let ray = Ray {
-                origin: (patch.centre_mm + far * along - depth * frame.normal).as_vec3(),
+                origin: (there - depth * frame.normal).as_vec3(),
                 direction: frame.normal.as_vec3(),
                 t_min: 0.0,
                 t_max: (2.0 * depth) as f32,
@@ -179,6 +192,11 @@ pub(super) fn neighbours(surface: &Surface, facets: &Facets, (sample, part): (us
         }
     }
     around
+}
+
+/// Returns whether a point in the plane of a triangle with a normal lies in it.
+fn is_inside([a, b, c]: [DVec3; 3], normal: DVec3, point: DVec3) -> bool {
+    [(a, b), (b, c), (c, a)].into_iter().all(|(from, to)| (to - from).cross(point - from).dot(normal) >= 0.0)
 }
 
 #[cfg(test)]

@@ -47,15 +47,15 @@ struct Scratch {
 
 impl NearSamples {
     /// Lists of the samples within reach of receivers, which are in groups; those of groups that nobody asks for are empty, and nothing is
-    /// added to them.
+    /// added to them. `asked` tells whether each receiver is asked for; all are where it is empty.
     pub(super) fn new(
         samples: &[DVec3],
         receivers: &[DVec3],
-        (groups, is_asked): (&[Run], impl Fn(&Run) -> bool),
+        (groups, asked): (&[Run], &[bool]),
         reach_mm: f64,
     ) -> Self {
-        let asked = |run: &Run| if is_asked(run) { *run } else { Run { end: run.first, ..*run } };
-        let close = ClosePairs::new(samples, |_| reach_mm, receivers, &groups.iter().map(asked).collect::<Vec<_>>());
+        let of_asked = |run: &Run| if is_asked(asked, run) { *run } else { Run { end: run.first, ..*run } };
+        let close = ClosePairs::new(samples, |_| reach_mm, receivers, &groups.iter().map(of_asked).collect::<Vec<_>>());
         Self { close, groups: groups.to_vec(), receivers: receivers.to_vec() }
     }
 
@@ -63,12 +63,19 @@ impl NearSamples {
         self.close.bytes() + size_of_val(self.groups.as_slice()) + size_of_val(self.receivers.as_slice())
     }
 
-    /// Adds the compact part to the radiosity of every receiver, RGB. `first` is the part's first sample.
-    pub(super) fn add(&self, compact: &Compact, facets: &Facets, light: Shine, first: usize, out: &mut [Rgb]) {
+    /// Adds the compact part to the radiosity of every receiver that is asked for, RGB: of all where `asked` is empty. `first` is the part's
+    /// first sample.
+    pub(super) fn add(
+        &self,
+        (compact, facets): (&Compact, &Facets),
+        (light, first): (Shine, usize),
+        asked: &[bool],
+        out: &mut [Rgb],
+    ) {
         let level = InstructionSet::detect().min(InstructionSet::Avx2);
         let jobs = self.groups.par_iter().zip(cut(out, self.groups.iter().map(|run| run.range().len())));
         jobs.enumerate().with_min_len(4).for_each_init(Scratch::default, |scratch, (g, (run, out))| {
-            if self.close.of(g).is_empty() {
+            if self.close.of(g).is_empty() || !is_asked(asked, run) {
                 return;
             }
             let members = &self.receivers[run.range()];
@@ -80,7 +87,12 @@ impl NearSamples {
             }
             scratch.block.reset(place.centre_mm, members.iter().map(|&at_mm| Receiver { at_mm, normal: DVec3::ZERO }));
             compact.disc.add_points(level, &mut scratch.block, &scratch.discs);
+            let asked = asked.get(run.range()).unwrap_or(&[]);
             for (i, (receiver, out)) in members.iter().zip(out).enumerate() {
+                // What is close takes by far the most work, which is each receiver's own.
+                if asked.get(i).is_some_and(|asked| !asked) {
+                    continue;
+                }
                 let sum = scratch.block.sum(i).as_vec3().to_array();
                 out.iter_mut().zip(sum).for_each(|(out, value)| *out += value);
                 let at = (*receiver - place.centre_mm).as_vec3().to_array();
@@ -88,6 +100,11 @@ impl NearSamples {
             }
         });
     }
+}
+
+/// Returns whether a receiver of a run is asked for.
+fn is_asked(asked: &[bool], run: &Run) -> bool {
+    asked.get(run.range()).is_none_or(|members| members.contains(&true))
 }
 
 impl Scratch {

@@ -3,6 +3,7 @@
 //! against all pairs.
 
 use std::collections::VecDeque;
+use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::DVec3;
@@ -66,7 +67,7 @@ pub struct Quality {
 }
 
 impl Quality {
-    /// The quality for an asked error where the surface has not been measured ([`Quality::tuned`]). The error of a
+    /// The quality for an asked error where the surface has not been measured ([`SurfaceNets::tuned`]). The error of a
     /// softened kernel's interpolation falls with the fourth power of the softening; under the worst of the probe
     /// lights it was 2.4e-3 (bunny, 100 mm, marble) to 8e-3 (noise on a coarsely sampled head) at 2.75.
     pub fn for_error(relative_rms: f64) -> Self {
@@ -77,53 +78,6 @@ impl Quality {
             pieces_below: (5.0 * reach.sqrt()).clamp(2.0, 24.0),
         };
         Self { error: relative_rms, spacing: 2.0, softening, near }
-    }
-
-    /// The coarsest quality of a few that keeps a relative error, RMS over receivers weighted by `areas`, in each set
-    /// of media and under each light (irradiance of every sample and pieces of uneven ones); the last one tried where
-    /// none keeps it.
-    pub fn tuned(
-        (surface, media): (&Surface, &[KernelsOfParts]),
-        (receivers, areas): (&Receivers, &[f64]),
-        lights: &[(Vec<DVec3>, Pieces)],
-        error: f64,
-    ) -> Self {
-        let (subset, points) = receivers.probe_points(areas, (PROBES, 0));
-        let tree = SampleTree::default();
-        let truths_in = |kernels: &KernelsOfParts| -> Vec<Vec<DVec3>> {
-            let gather = Gather::with_kernels_of_parts(surface, &tree, kernels.clone(), NearField::REFERENCE);
-            let truth = |(irradiance, pieces): &(Vec<DVec3>, Pieces)| {
-                gather.radiosity(&subset, &gather.light_with_pieces(irradiance, pieces), Scheme::AllPairs, &Silent)
-            };
-            lights.iter().map(truth).collect()
-        };
-        let guess = Self::for_error(error);
-        let guess = Self { softening: SMOOTHEST * guess.softening, ..guess };
-        let mut nets = SurfaceNets::at_some(surface, receivers, guess, Some(&points.indices));
-        let media: Vec<&KernelsOfParts> =
-            media.iter().filter(|(kernels, parts)| nets.resolve((kernels, parts))).collect();
-        let mut measured = |quality: Self, media: &[(&KernelsOfParts, Vec<Vec<DVec3>>)]| {
-            nets.set_quality(surface, receivers, quality);
-            let in_media = |((kernels, of_part), truths): &(&KernelsOfParts, Vec<Vec<DVec3>>)| {
-                let tables = nets.tables(surface, receivers, (kernels, of_part));
-                let of_light = |((irradiance, pieces), truth): (&(Vec<DVec3>, Pieces), &Vec<DVec3>)| {
-                    let all = nets.radiosity(surface, &tables, SampleLight::new(irradiance, pieces), receivers);
-                    points.error(&points.of(&all), truth).rms
-                };
-                lights.iter().zip(truths).map(of_light).fold(0.0, f64::max)
-            };
-            media.iter().map(in_media).fold(0.0, f64::max)
-        };
-        // Double layers have nets of their own, which take long to make: they are tried where single layers are near enough.
-        let single: Vec<KernelsOfParts> = media
-            .iter()
-            .map(|(kernels, parts)| (kernels.iter().map(MediumKernel::single_layer).collect(), parts.clone()))
-            .collect();
-        let tried: Vec<_> = single.iter().map(|kernels| (kernels, truths_in(kernels))).collect();
-        let quality = guess.searched(error, |quality| measured(quality, &tried));
-        let layered = media.into_iter().filter(|(kernels, _)| kernels.iter().any(|kernel| kernel.layers().is_some()));
-        let tried: Vec<_> = layered.map(|kernels| (kernels, truths_in(kernels))).collect();
-        if tried.is_empty() { quality } else { quality.searched(error, |quality| measured(quality, &tried)) }
     }
 
     /// The first quality from this one on whose measured error is small enough, or the last one tried.
@@ -167,30 +121,27 @@ pub struct SurfaceNets {
     pub(crate) parts: Vec<Part>,
     facets: Facets,
     quality: Quality,
-    /// The receivers whose radiosity is asked for, ascending; all where there is no list. What is near the groups of others is left out.
+    /// The receivers whose radiosity is asked for, ascending; all where there is no list. What is near others is left out.
     asked: Option<Vec<u32>>,
 }
 
-/// A run of the receivers of a part, among all receivers.
-fn of_all(receivers: &std::ops::Range<usize>, run: &Run) -> std::ops::Range<usize> {
-    let run = run.range();
-    receivers.start + run.start..receivers.start + run.end
-}
-
-/// Returns whether the radiosity of a receiver in a run is asked for.
-fn is_asked(asked: Option<&[u32]>, run: std::ops::Range<usize>) -> bool {
-    asked.is_none_or(|asked| {
-        let first = asked.partition_point(|&i| (i as usize) < run.start);
-        asked.get(first).is_some_and(|&i| run.contains(&(i as usize)))
-    })
+/// Whether the radiosity of each receiver of a part, given by their range among all, is asked for; empty where that of all is.
+fn asked_of(asked: Option<&[u32]>, receivers: &Range<usize>) -> Vec<bool> {
+    let Some(asked) = asked else { return Vec::new() };
+    let mut of_part = vec![false; receivers.len()];
+    for &receiver in asked {
+        let own = (receiver as usize).checked_sub(receivers.start).and_then(|i| of_part.get_mut(i));
+        own.into_iter().for_each(|own| *own = true);
+    }
+    of_part
 }
 
 /// One part that light enters.
 pub(crate) struct Part {
     part: usize,
     groups: Vec<Run>,
-    pub(crate) samples: std::ops::Range<usize>,
-    pub(crate) receivers: std::ops::Range<usize>,
+    pub(crate) samples: Range<usize>,
+    pub(crate) receivers: Range<usize>,
     pub(crate) nets: Multilevel,
     pub(crate) near: NearSamples,
     extent_mm: f64,
@@ -261,10 +212,66 @@ impl SurfaceNets {
         Self { parts, facets, quality, asked }
     }
 
+    /// Nets of the coarsest quality of a few that keeps a relative error, RMS over receivers weighted by `areas`, in each set
+    /// of media and under each light (irradiance of every sample and pieces of uneven ones); of the last one tried where
+    /// none keeps it. The receivers that tell the error are those whose radiosity is asked for.
+    pub fn tuned(
+        (surface, media): (&Surface, &[KernelsOfParts]),
+        (receivers, areas): (&Receivers, &[f64]),
+        lights: &[(Vec<DVec3>, Pieces)],
+        error: f64,
+    ) -> Self {
+        let (subset, points) = receivers.probe_points(areas, (PROBES, 0));
+        let tree = SampleTree::default();
+        let truths_in = |kernels: &KernelsOfParts| -> Vec<Vec<DVec3>> {
+            let gather = Gather::with_kernels_of_parts(surface, &tree, kernels.clone(), NearField::REFERENCE);
+            let truth = |(irradiance, pieces): &(Vec<DVec3>, Pieces)| {
+                gather.radiosity(&subset, &gather.light_with_pieces(irradiance, pieces), Scheme::AllPairs, &Silent)
+            };
+            lights.iter().map(truth).collect()
+        };
+        let guess = Quality::for_error(error);
+        let guess = Quality { softening: SMOOTHEST * guess.softening, ..guess };
+        let mut nets = Self::at_some(surface, receivers, guess, Some(&points.indices));
+        let media: Vec<&KernelsOfParts> =
+            media.iter().filter(|(kernels, parts)| nets.resolve((kernels, parts))).collect();
+        let probes = (receivers, Some(points.indices.as_slice()));
+        let mut measured = |quality: Quality, media: &[(&KernelsOfParts, Vec<Vec<DVec3>>)]| {
+            nets.set_quality(surface, receivers, quality);
+            let in_media = |((kernels, of_part), truths): &(&KernelsOfParts, Vec<Vec<DVec3>>)| {
+                let tables = nets.tables(surface, receivers, (kernels, of_part));
+                let of_light = |((irradiance, pieces), truth): (&(Vec<DVec3>, Pieces), &Vec<DVec3>)| {
+                    let all = nets.radiosity(surface, &tables, SampleLight::new(irradiance, pieces), probes);
+                    points.error(&points.of(&all), truth).rms
+                };
+                lights.iter().zip(truths).map(of_light).fold(0.0, f64::max)
+            };
+            media.iter().map(in_media).fold(0.0, f64::max)
+        };
+        // Double layers have nets of their own, which take long to make: they are tried where single layers are near enough.
+        let single: Vec<KernelsOfParts> = media
+            .iter()
+            .map(|(kernels, parts)| (kernels.iter().map(MediumKernel::single_layer).collect(), parts.clone()))
+            .collect();
+        let tried: Vec<_> = single.iter().map(|kernels| (kernels, truths_in(kernels))).collect();
+        let quality = guess.searched(error, |quality| measured(quality, &tried));
+        let layered = media.into_iter().filter(|(kernels, _)| kernels.iter().any(|kernel| kernel.layers().is_some()));
+        let tried: Vec<_> = layered.map(|kernels| (kernels, truths_in(kernels))).collect();
+        let quality =
+            if tried.is_empty() { quality } else { quality.searched(error, |quality| measured(quality, &tried)) };
+        nets.set_quality(surface, receivers, quality);
+        nets
+    }
+
+    /// Their quality.
+    pub fn quality(&self) -> Quality {
+        self.quality
+    }
+
     fn part(
         surface: &Surface,
-        (centres, samples): (&[DVec3], std::ops::Range<usize>),
-        (receivers, range, groups, asked): (&Receivers, std::ops::Range<usize>, &[Group], Option<&[u32]>),
+        (centres, samples): (&[DVec3], Range<usize>),
+        (receivers, range, groups, asked): (&Receivers, Range<usize>, &[Group], Option<&[u32]>),
         part: usize,
         quality: Quality,
     ) -> Part {
@@ -287,8 +294,8 @@ impl SurfaceNets {
         let (nets, near) = rayon::join(
             || Multilevel::new(&sources, &targets, resolution),
             || {
-                let is_asked = |run: &Run| is_asked(asked, of_all(&range, run));
-                NearSamples::new(&centres[samples.clone()], positions, (&runs, is_asked), resolution.near_mm())
+                let asked = asked_of(asked, &range);
+                NearSamples::new(&centres[samples.clone()], positions, (&runs, &asked), resolution.near_mm())
             },
         );
         Part { part, groups: runs, samples, receivers: range, nets, near, extent_mm, doubled: Mutex::default() }
@@ -328,8 +335,8 @@ impl SurfaceNets {
         for part in &mut self.parts {
             let centres: Vec<DVec3> = surface.patches[part.samples.clone()].iter().map(|p| p.centre_mm).collect();
             let positions = &receivers.positions[part.receivers.clone()];
-            let is_asked = |run: &Run| is_asked(asked, of_all(&part.receivers, run));
-            part.near = NearSamples::new(&centres, positions, (&part.groups, is_asked), part.nets.resolution.near_mm());
+            let asked = asked_of(asked, &part.receivers);
+            part.near = NearSamples::new(&centres, positions, (&part.groups, &asked), part.nets.resolution.near_mm());
         }
     }
 
@@ -393,13 +400,14 @@ impl SurfaceNets {
         (1.2 * (0.008 * share / (0.4 * self.quality.error)).powf(0.2)).clamp(1.0, 4.0) as f32
     }
 
-    /// Radiosity of every receiver, RGB, from the light on the samples.
+    /// Radiosity of the receivers that are asked for, RGB, from the light on the samples: of all where there is no list. What others have
+    /// is of no use.
     pub fn radiosity(
         &self,
         surface: &Surface,
         tables: &SurfaceTables,
         light: SampleLight,
-        receivers: &Receivers,
+        (receivers, asked): (&Receivers, Option<&[u32]>),
     ) -> Vec<DVec3> {
         const TASK: usize = 4096;
         let mut flux = vec![[0.0f32; 4]; surface.patches.len()];
@@ -411,7 +419,8 @@ impl SurfaceNets {
         for ((part, (far, compact)), double) in self.parts.iter().zip(&tables.parts).zip(&tables.doubles) {
             let mut values = Vec::new();
             part.nets.sum(far, &flux[part.samples.clone()], &mut values);
-            part.near.add(compact, &self.facets, shine, part.samples.start, &mut values);
+            let asked = asked_of(asked, &part.receivers);
+            part.near.add((compact, &self.facets), (shine, part.samples.start), &asked, &mut values);
             let range = part.receivers.clone();
             if let Some(double) = double {
                 let normal = |p: &Patch| (p.cross_mm2 / p.area_mm2).as_vec3().to_array();

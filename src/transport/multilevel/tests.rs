@@ -20,7 +20,7 @@ fn by_nets(fixture: &Fixture, kernels: &[MediumKernel], lit: (&[DVec3], &Pieces)
     let nets = SurfaceNets::new(&surface, &receivers, quality);
     let of_part: Vec<Option<u32>> = surface.domain.parts.parts.iter().map(|part| part.medium).collect();
     let tables = nets.tables(&surface, &receivers, (kernels, &of_part));
-    nets.radiosity(&surface, &tables, SampleLight::new(lit.0, lit.1), &receivers)
+    nets.radiosity(&surface, &tables, SampleLight::new(lit.0, lit.1), (&receivers, None))
 }
 
 /// Radiosity by all pairs.
@@ -41,7 +41,8 @@ fn tuned(fixture: &Fixture, asked: f64) -> Quality {
     let areas = vec![1.0; receivers.len()];
     let lights = [DVec3::new(0.2, 1.0, 0.1), DVec3::new(-1.0, -0.3, 0.5), DVec3::NEG_Z].map(|from| lit(fixture, from));
     let of_part = fixture.scene.parts.parts.iter().map(|part| part.medium).collect();
-    Quality::tuned((&fixture.surface(), &[(kernels(fixture), of_part)]), (&receivers, &areas), &lights, asked)
+    SurfaceNets::tuned((&fixture.surface(), &[(kernels(fixture), of_part)]), (&receivers, &areas), &lights, asked)
+        .quality()
 }
 
 fn kernels(fixture: &Fixture) -> Vec<MediumKernel> {
@@ -142,11 +143,12 @@ fn double_layers_are_summed_over_nets_of_their_own() {
         let areas = vec![1.0; receivers.len()];
         let of_lights = [(irradiance.clone(), pieces.clone())];
         let all = (&surface, std::slice::from_ref(&calibrated.kernels));
-        let nets = SurfaceNets::new(&surface, &receivers, Quality::tuned(all, (&receivers, &areas), &of_lights, 0.005));
+        let quality = SurfaceNets::tuned(all, (&receivers, &areas), &of_lights, 0.005).quality();
+        let nets = SurfaceNets::new(&surface, &receivers, quality);
         let (kernels, of_part) = &calibrated.kernels;
         let summed = |kernels: &[MediumKernel]| {
             let light = SampleLight::new(&irradiance, &pieces).with_factors(&factors);
-            nets.radiosity(&surface, &nets.tables(&surface, &receivers, (kernels, of_part)), light, &receivers)
+            nets.radiosity(&surface, &nets.tables(&surface, &receivers, (kernels, of_part)), light, (&receivers, None))
         };
         assert_eq!(nets.resolve((kernels, of_part)), resolved, "{samples}");
         if !resolved {

@@ -123,11 +123,10 @@ pub fn memory(domain: Domain) -> u64 {
     400 * vertices + 500 * triangles + (20 << 20)
 }
 
-/// Walks photons through a scene. The same seed gives the same bits on any number of threads.
+/// Walks photons through a scene: [`Walkable::exitance`] where it is done once.
 ///
 /// # Errors
-/// Environments that cannot be cut; more than [`MOST_LOST`] of the flux lost (the surface of a part is not closed); a noise
-/// that no number of photons within reason brings (exit 6).
+/// As [`Walkable::exitance`].
 pub fn exitance(
     domain: Domain,
     lights: &[Light],
@@ -135,35 +134,33 @@ pub fn exitance(
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<Exitance> {
-    let bvh = Bvh::new(domain.mesh);
-    let entries = Entries::new(domain, &bvh, lights)?;
-    let bodies = Bodies::new(domain);
-    let hats = Hats::new(domain.mesh, domain.parts);
-    let run = Run { entries: &entries, bodies: &bodies, hats: &hats };
-    let photons = match effort {
-        Effort::Photons(photons) => [photons.clamp(1, MOST_PHOTONS); 3],
-        Effort::Noise(asked) => {
-            let mut count =
-                (PILOT_PHOTONS_PER_SLOT * hats.len() as u64).clamp(*PILOT_PHOTONS.start(), *PILOT_PHOTONS.end());
-            let noise = loop {
-                let pilot = run.channels([count; 3], !seed, "pilot", progress);
-                check_lost(&pilot)?;
-                let noise = pilot.relative_noise();
-                // Where hardly anything comes out, a pilot may see nothing but noise, and its estimate is worth nothing.
-                if noise.max_element() <= WORTHLESS || count >= MOST_PILOT_PHOTONS {
-                    if !noise.is_finite() {
-                        return Err(Error::new(ExitCode::QualityNotMet, HOPELESS));
-                    }
-                    break noise / asked.max(f64::MIN_POSITIVE);
-                }
-                count *= 8;
-            };
-            noise.to_array().map(|n| (MARGIN * n * n * count as f64).clamp(BATCHES as f64, MOST_PHOTONS as f64) as u64)
-        }
-    };
-    let result = run.channels(photons, seed, "random walk", progress);
-    check_lost(&result)?;
-    Ok(result)
+    Walkable::new(domain).exitance(lights, effort, seed, progress)
+}
+
+/// A scene that photons walk through, whatever the light.
+pub struct Walkable<'a> {
+    domain: Domain<'a>,
+    bvh: Bvh,
+    bodies: Bodies,
+    hats: Hats,
+}
+
+impl<'a> Walkable<'a> {
+    /// Prepares the parts of a domain that light enters.
+    pub fn new(domain: Domain<'a>) -> Self {
+        let hats = Hats::new(domain.mesh, domain.parts);
+        Self { domain, bvh: Bvh::new(domain.mesh), bodies: Bodies::new(domain), hats }
+    }
+
+    /// Walks photons through the scene. The same seed gives the same bits on any number of threads.
+    ///
+    /// # Errors
+    /// Environments that cannot be cut; more than [`MOST_LOST`] of the flux lost (the surface of a part is not closed); a noise
+    /// that no number of photons within reason brings (exit 6).
+    pub fn exitance(&self, lights: &[Light], effort: Effort, seed: u64, progress: &dyn Progress) -> Result<Exitance> {
+        let entries = Entries::new(self.domain, &self.bvh, lights)?;
+        Run { entries: &entries, bodies: &self.bodies, hats: &self.hats }.exitance(effort, seed, progress)
+    }
 }
 
 fn check_lost(exitance: &Exitance) -> Result<()> {
@@ -219,6 +216,35 @@ struct Batch<'a> {
 }
 
 impl Run<'_> {
+    fn exitance(&self, effort: Effort, seed: u64, progress: &dyn Progress) -> Result<Exitance> {
+        let photons = match effort {
+            Effort::Photons(photons) => [photons.clamp(1, MOST_PHOTONS); 3],
+            Effort::Noise(asked) => {
+                let mut count = (PILOT_PHOTONS_PER_SLOT * self.hats.len() as u64)
+                    .clamp(*PILOT_PHOTONS.start(), *PILOT_PHOTONS.end());
+                let noise = loop {
+                    let pilot = self.channels([count; 3], !seed, "pilot", progress);
+                    check_lost(&pilot)?;
+                    let noise = pilot.relative_noise();
+                    // Where hardly anything comes out, a pilot may see nothing but noise, and its estimate is worth nothing.
+                    if noise.max_element() <= WORTHLESS || count >= MOST_PILOT_PHOTONS {
+                        if !noise.is_finite() {
+                            return Err(Error::new(ExitCode::QualityNotMet, HOPELESS));
+                        }
+                        break noise / asked.max(f64::MIN_POSITIVE);
+                    }
+                    count *= 8;
+                };
+                noise
+                    .to_array()
+                    .map(|n| (MARGIN * n * n * count as f64).clamp(BATCHES as f64, MOST_PHOTONS as f64) as u64)
+            }
+        };
+        let result = self.channels(photons, seed, "random walk", progress);
+        check_lost(&result)?;
+        Ok(result)
+    }
+
     fn channels(&self, photons: [u64; 3], seed: u64, stage: &'static str, progress: &dyn Progress) -> Exitance {
         let slots = self.hats.len();
         let (mut total, mut single) = (vec![DVec3::ZERO; slots], vec![DVec3::ZERO; slots]);
