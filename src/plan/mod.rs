@@ -152,7 +152,7 @@ fn prepared(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
     // What no walk could calibrate is planned as what it will be.
     let has_volume = request.model != Model::Dipole && any_is_closed(scene.domain());
     let model = if has_volume { request.model } else { Model::Dipole };
-    let Inside { kernels, walks, error } = Inside::new(model, scene, progress)?;
+    let Inside { kernels, walks, error, sums: spare } = Inside::new(model, scene, progress)?;
     let request = &Request { model, ..request.beside(error) };
     let between = between_few_vertices(scene, PLACES, progress)?;
     let costs = (mesh_bytes(scene)?, setting.max_memory);
@@ -173,7 +173,7 @@ fn prepared(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
         candidate.recipe.settings.walks.clone_from(&walks);
         candidate.recipe.settings.cache = setting.cache.clone();
     }
-    let mut sums = TrueSums::new(scene, samples, kernels.clone());
+    let mut sums = TrueSums::new(scene, samples, (kernels.clone(), spare));
     let truth = Truth::new(&mut sums, (seen, places), progress)?;
     Ok(Prepared { all, families: families.len(), plan, kernels, between, truth, sums })
 }

@@ -41,7 +41,7 @@ fn chosen(scene: &Scene, request: &Request) -> (Option<Considered>, Vec<Consider
         Candidates::new(&built_in(), request, (scene, None), (mesh_bytes(scene).unwrap(), memory));
     let seen = telling(lights(scene, &request.for_lights, Purpose::Choice).unwrap(), scene, request.model);
     let samples = samples_of_a_choice(scene, request.max_rms, request.model);
-    let mut sums = TrueSums::new(scene, samples, Vec::new());
+    let mut sums = TrueSums::new(scene, samples, (Vec::new(), None));
     let truth = Truth::new(&mut sums, (seen, Places::new(scene, PLACES, 0)), &Silent).unwrap();
     let mut sampling = Sampling::new(scene, &[], (truth, samples), request);
     let mut choice = Choice::new(&all, request, families.len());

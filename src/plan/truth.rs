@@ -11,7 +11,7 @@ use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::exitance::MeshPoint;
 use crate::evaluate::{BakeSettings, Evaluator, Form, Model, ModelWalks};
-use crate::forms::gathered::{Bound, Far, Gathered};
+use crate::forms::gathered::{Bound, Far, Gathered, GatheredEvaluator};
 use crate::geometry::samples::Samples;
 use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
@@ -200,19 +200,28 @@ const OF_A_MODEL: Gathered = Gathered {
 /// Samples of those sums.
 const SAMPLES_OF_A_MODEL: usize = 1 << 15;
 
-/// Sums over all pairs of some samples at any place.
-struct Sums(Box<dyn Evaluator>);
+/// Sums over some samples at any place, without nets.
+pub(super) struct Sums {
+    evaluator: GatheredEvaluator,
+    samples: usize,
+}
 
 impl Sums {
     /// `kernels` are the sections of calibrated kernels, where the model is not the dipole.
     fn new(scene: &Scene, samples: usize, form: &Gathered, kernels: &[RawSection]) -> Result<Self> {
         let asset = Asset::of_scene(scene.clone(), Samples::new(&scene.mesh, &scene.parts, samples), kernels.to_vec());
-        Form::open(form, Arc::new(asset)).map(Self)
+        let evaluator = GatheredEvaluator::new(Arc::new(asset), form.gathering(None)).with_model()?;
+        Ok(Self { evaluator, samples })
+    }
+
+    /// Others over the same samples with the same kernels.
+    fn of_form(self, form: &Gathered) -> Self {
+        Self { evaluator: self.evaluator.gathering(form.gathering(None)), ..self }
     }
 
     fn at(&mut self, light: &Light, places: &Places) -> Result<Vec<DVec3>> {
-        self.0.set_lights(vec![light.clone()], &Silent)?;
-        at_points(self.0.as_mut(), &places.points)
+        self.evaluator.set_lights(vec![light.clone()], &Silent)?;
+        at_points(&mut self.evaluator, &places.points)
     }
 }
 
@@ -225,6 +234,8 @@ pub(super) struct Inside {
     pub(super) walks: Option<Arc<ModelWalks>>,
     /// That error.
     pub(super) error: Option<VertexError>,
+    /// What has told it.
+    pub(super) sums: Option<Sums>,
 }
 
 impl Inside {
@@ -235,14 +246,14 @@ impl Inside {
         let settings = BakeSettings { model, samples: Some(1), ..BakeSettings::new(1.0) };
         let kernels = Form::bake(&ALL_PAIRS, scene, &settings, progress)?.sections;
         let walks = ModelWalks::new(scene, progress)?.map(Arc::new);
-        let error = match &walks {
+        let (error, sums) = match &walks {
             Some(walks) => {
                 let mut sums = Sums::new(scene, SAMPLES_OF_A_MODEL, &OF_A_MODEL, &kernels)?;
-                Some(walks.error(sums.0.as_mut(), progress)?)
+                (Some(walks.error(&mut sums.evaluator, progress)?), Some(sums))
             }
-            None => None,
+            None => (None, None),
         };
-        Ok(Self { kernels, walks, error })
+        Ok(Self { kernels, walks, error, sums })
     }
 }
 
@@ -254,11 +265,13 @@ pub(super) struct TrueSums {
     kernels: Vec<RawSection>,
     /// Under sharp lights and under soft ones, if these take other samples.
     sums: [Option<Sums>; 2],
+    /// Others of the same scene and kernels, in whose place these may be made.
+    spare: Option<Sums>,
 }
 
 impl TrueSums {
-    pub(super) fn new(scene: &Scene, samples: usize, kernels: Vec<RawSection>) -> Self {
-        Self { scene: scene.clone(), samples, kernels, sums: [None, None] }
+    pub(super) fn new(scene: &Scene, samples: usize, (kernels, spare): (Vec<RawSection>, Option<Sums>)) -> Self {
+        Self { scene: scene.clone(), samples, kernels, sums: [None, None], spare }
     }
 
     /// Returns whether these sums tell the error of that many samples of the same kernels, where so much is asked for.
@@ -276,12 +289,11 @@ impl TrueSums {
             Some(sums) => sums,
             None => {
                 let samples = if apart { under_soft } else { self.samples };
-                of_kind.insert(Sums::new(
-                    &self.scene,
-                    samples,
-                    &Gathered { sampling: rays, ..ALL_PAIRS },
-                    &self.kernels,
-                )?)
+                let form = Gathered { sampling: rays, ..ALL_PAIRS };
+                of_kind.insert(match self.spare.take_if(|spare| spare.samples == samples) {
+                    Some(spare) => spare.of_form(&form),
+                    None => Sums::new(&self.scene, samples, &form, &self.kernels)?,
+                })
             }
         };
         sums.at(light, places)

@@ -143,10 +143,25 @@ impl GatheredEvaluator {
         Ok(self)
     }
 
-    /// The same of another asset of the same scene and samples, before there are lights.
-    pub(super) fn of_asset(mut self, asset: Arc<Asset>) -> Self {
+    /// The same before there are lights.
+    fn unlit(mut self) -> Self {
         self.forget_limits();
-        Self { asset, lights: Vec::new(), irradiance: None, returned: None, ..self }
+        Self { lights: Vec::new(), irradiance: None, returned: None, ..self }
+    }
+
+    /// The same of another asset of the same scene and samples, before there are lights.
+    pub(super) fn of_asset(self, asset: Arc<Asset>) -> Self {
+        Self { asset, ..self.unlit() }
+    }
+
+    /// Sums of another kind over the same samples with the same kernels, before there are lights.
+    #[must_use]
+    pub(crate) fn gathering(self, gathering: Gathering) -> Self {
+        let receivers = receivers(&self.scene, &self.patches, gathering);
+        let areas = receivers.areas_mm2(&self.scene.mesh);
+        let mut result = Self { gathering, receivers, areas, nets: gathering.nets.map(Nets::new), ..self.unlit() };
+        result.factor_receivers();
+        result
     }
 
     /// Takes nets of its quality that have been made for its samples and receivers.

@@ -92,7 +92,7 @@ pub struct Gathering {
 
 impl Gathered {
     /// Settings of an evaluator's sums, with nets of a quality.
-    pub(super) fn gathering(&self, nets: Option<Quality>) -> Gathering {
+    pub(crate) fn gathering(&self, nets: Option<Quality>) -> Gathering {
         let Self { sampling, near, far, group, .. } = *self;
         Gathering { sampling, near, far, group: group as usize, nets }
     }

@@ -89,7 +89,12 @@ impl Quality {
                 break;
             }
             let [softer, nearer] = [quality.softer(), quality.nearer()];
-            let both = [measured(softer), measured(nearer)];
+            // Another softening takes tables, and double layers nets, of its own.
+            let of_nearer = measured(nearer);
+            if of_nearer <= TARGET * error {
+                return nearer;
+            }
+            let both = [measured(softer), of_nearer];
             if both[0].min(both[1]) > NO_GAIN * found {
                 break;
             }
