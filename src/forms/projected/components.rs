@@ -1,7 +1,9 @@
 //! Components: transport as coefficients at reference points over a basis of the light, as stored and as evaluated.
 
-use glam::DVec3;
+use std::f64::consts::PI;
 use std::ops::Range;
+
+use glam::DVec3;
 use translux_format::Budget;
 use translux_format::coefficients::decode;
 use translux_format::quantised_lights::{Set, tags};
@@ -26,6 +28,10 @@ const CHUNK: usize = 256;
 /// Rows of the basis that one task sums, and that are summed together.
 const ROWS_OF_A_TASK: usize = 256;
 const ROWS: usize = 4;
+
+/// Radiosity over irradiance from which on an asset is damaged. Real ones have up to 10 and more in [`most`]; weights of interpolation, between lights and
+/// between points, make less than ten times as much of it, which is what evaluators refuse.
+const MOST: f64 = 100.0;
 
 /// Largest deviation of weights of one colour from that colour, over the largest weight.
 const ROUNDING: f64 = 1e-14;
@@ -62,6 +68,17 @@ pub(crate) struct Coded<'a> {
     pub(crate) shells: Range<usize>,
     /// Net over the lights.
     pub(crate) net: &'a Net,
+    /// What the rows of its basis are.
+    pub(crate) rows: Rows,
+}
+
+/// What the rows of a basis are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Rows {
+    /// Lights of irradiance 1 at the centre of the scene, between which others are interpolated; with the largest irradiance on its surface.
+    Lights(f64),
+    /// Harmonics of the radiance.
+    Harmonics,
 }
 
 /// The transport as it is evaluated.
@@ -112,6 +129,36 @@ struct SetOfShells {
     channels: Vec<f64>,
 }
 
+/// A bound on the radiosity of any reference point under one light of irradiance 1, from a basis `[row][function]`, units included, and
+/// coefficients `[reference point][column]`: sums of absolute values over the functions.
+fn most(basis: &[f32], (values, set): (&[f32], &Set), rows: Rows) -> f64 {
+    let functions = set.basis_steps.len();
+    let planes = set.channels.len().isqrt().max(1);
+    // The most that one of a decorrelated plane is in any plane.
+    let most_of: Vec<f64> =
+        set.channels.chunks(planes).map(|row| row.iter().fold(0.0, |most, m| m.abs().max(most))).collect();
+    // The most that one of a function gives.
+    let mut of_function = vec![0.0f64; functions];
+    for row in values.chunks(set.columns.len().max(1)) {
+        let mut of_row = vec![0.0; functions];
+        for (value, number) in row.iter().zip(&set.columns) {
+            let (function, plane) = (usize::from(*number) / planes, usize::from(*number) % planes);
+            of_row[function] += f64::from(value.abs()) * most_of[plane];
+        }
+        of_function.iter_mut().zip(of_row).for_each(|(most, own)| *most = most.max(own));
+    }
+    let of_light = |row: &[f32]| row.iter().zip(&of_function).map(|(b, most)| f64::from(b.abs()) * most).sum::<f64>();
+    let of_rows = basis.chunks(functions.max(1)).map(of_light);
+    match rows {
+        Rows::Lights(largest) => of_rows.fold(0.0, f64::max) / largest,
+        // The squares of all harmonics of a direction add up to their number over the sphere.
+        Rows::Harmonics => {
+            let (count, squares) = of_rows.fold((0.0, 0.0), |(count, sum), most| (count + 1.0, sum + most * most));
+            (squares * count / (4.0 * PI)).sqrt()
+        }
+    }
+}
+
 impl Transport {
     /// Decodes, predicts and arranges; `fold` turns a basis `[light][function]`, the lights in their own order, into
     /// the rows that weights are multiplied with.
@@ -134,16 +181,23 @@ impl Transport {
             Ok(found.values)
         };
         let (mut sets, mut known, mut groups, mut columns) = (Vec::new(), Vec::new(), Vec::new(), 0);
-        for Coded { set: own, tags, shells, net: light_net } in coded {
+        for Coded { set: own, tags, shells, net: light_net, rows } in coded {
             let shells = shells.clone();
             let functions = own.basis_steps.len();
             let basis = decoded(tags.basis, &own.basis, light_net)?;
             let integers = decoded(tags.coefficients, &own.coefficients, &net)?;
             let values = net.dequantise(&integers, &vec![own.step; own.columns.len()]);
             let digits = digits(&values, own.columns.len(), own.step);
-            known.push(values);
             let basis = light_net.dequantise(&basis, &own.basis_steps);
             let basis = by_direction(&basis, light_net, functions, &own.units);
+            let most = most(&basis, (&values, own), *rows);
+            if most.is_nan() || most > MOST {
+                return Err(Error::input(format!(
+                    "{}: a basis that may give {most:.3e} times the light that enters: the asset is damaged; bake it again",
+                    tags.basis
+                )));
+            }
+            known.push(values);
             let first = columns;
             let mut padded = Vec::new();
             for plane in 0..3 * shells.len() {

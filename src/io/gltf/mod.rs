@@ -58,7 +58,15 @@ use self::warnings::Warnings;
 /// required extensions that hold geometry this reader does not know.
 pub fn read_gltf(path: &Path) -> Result<SourceModel> {
     let bytes = std::fs::read(path).map_err(|e| Error::io(path, &e))?;
-    read_bytes(&bytes, path).map_err(|e| e.in_file(path))
+    parse_gltf(&bytes, path)
+}
+
+/// Parses the bytes of a glTF file; `path` stands in front of every error, and external buffers lie beside it.
+///
+/// # Errors
+/// As [`read_gltf`], but for the file itself.
+pub fn parse_gltf(bytes: &[u8], path: &Path) -> Result<SourceModel> {
+    read_bytes(bytes, path).map_err(|e| e.in_file(path))
 }
 
 /// The files beside a model that hold its buffers, each once, in the order of the document.

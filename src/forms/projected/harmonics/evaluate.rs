@@ -8,7 +8,9 @@ use translux_format::quantised_lights::tags;
 use crate::compress::prediction::Net;
 use crate::error::Result;
 use crate::forms::distant::far_away;
-use crate::forms::projected::components::{Coded, Components, LightBasis, LightFunctions, Lit, Transport, Weighted};
+use crate::forms::projected::components::{
+    Coded, Components, LightBasis, LightFunctions, Lit, Rows, Transport, Weighted,
+};
 use crate::light::Light;
 use crate::light::harmonics::coefficients;
 use crate::scene::Scene;
@@ -28,7 +30,7 @@ pub(crate) fn components(
 ) -> Result<Components<HarmonicBasis>> {
     let order = file.order as usize;
     let net = Net::unpredicted(order * order);
-    let coded = [Coded { set: &file.set, tags, shells: 0..shells, net: &net }];
+    let coded = [Coded { set: &file.set, tags, shells: 0..shells, net: &net, rows: Rows::Harmonics }];
     let transport = Transport::new(&coded, (scene, receivers), file.spacing_mm, |basis, functions| {
         LightFunctions::stored(&basis, functions)
     })?;

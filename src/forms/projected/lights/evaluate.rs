@@ -12,7 +12,9 @@ use crate::evaluate::Evaluator;
 use crate::evaluate::form::read_error;
 use crate::forms::baked_in::{BakedIn, Beside};
 use crate::forms::gathered::model::sections_of;
-use crate::forms::projected::components::{Coded, Components, LightBasis, LightFunctions, Lit, Transport, Weighted};
+use crate::forms::projected::components::{
+    Coded, Components, LightBasis, LightFunctions, Lit, Rows, Transport, Weighted,
+};
 use crate::forms::sampled_scene::GROUP;
 use crate::light::Light;
 use crate::light::quantised::vector::Emission;
@@ -64,7 +66,12 @@ pub(super) fn transport(file: &File, scene: &Scene, receivers: &Receivers, set: 
     let net = light_net(&set.lights.directions, file.direction_spacing);
     let shells = [0..1, 1..file.shells.len()];
     let coded = file.sets.iter().zip(tags::SETS).zip(shells);
-    let coded: Vec<Coded> = coded.map(|((set, tags), shells)| Coded { set, tags, shells, net: &net }).collect();
+    let coded = coded.map(|((set, tags), shells)| {
+        // The nearest light of a shell is its distance from the sphere around the scene away; one inside of that may touch the surface.
+        let nearest = file.shells.get(shells.end - 1).map_or(1.0, |shell| (1.0 - shell).max(0.0));
+        Coded { set, tags, shells, net: &net, rows: Rows::Lights(1.0 / (nearest * nearest)) }
+    });
+    let coded: Vec<Coded> = coded.collect();
     let fold = |basis, functions| folded(basis, functions, set);
     Transport::new(&coded, (scene, receivers), file.spacing_mm, fold)
 }
