@@ -13,16 +13,17 @@ mod subjects;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use bytes::{Entry, Random, build};
 use subjects::{RECIPES, assets, use_asset};
+use translux::asset::Asset;
 use translux::evaluate::Registry;
 use translux::evaluate::memory::Limits;
 use translux::methods::built_in;
 use translux::progress::Silent;
-use translux::report::validation::examine;
+use translux::report::validation::{Validation, examine};
 use translux_format::RawSection;
 
 /// Mutations of a run in which nobody asks for more.
@@ -82,6 +83,26 @@ fn number(name: &str, default: u64) -> u64 {
     std::env::var(name).map_or(default, |text| text.parse().unwrap())
 }
 
+/// What is found of an asset, and comes of its use, one number of which lets it shine a million times as bright.
+fn shining(
+    registry: &Registry,
+    (recipe, whole): (usize, &[RawSection]),
+    tag: &str,
+) -> (Validation, translux::error::Result<()>) {
+    let mut sections = whole.to_vec();
+    let section = sections.iter_mut().find(|section| section.tag.to_string() == tag);
+    let section = section.unwrap_or_else(|| panic!("{:?} has no {tag}", RECIPES[recipe]));
+    let first: [u8; 4] = section.bytes[..4].try_into().unwrap();
+    section.bytes[..4].copy_from_slice(&(1e6 * f32::from_le_bytes(first)).to_le_bytes());
+    let file = build(&sections.iter().map(Entry::raw).collect::<Vec<_>>());
+    let found = examine(Path::new("a.tlux"), &file, (registry, Limits::none()), &Silent).unwrap();
+    let opened = Asset::from_bytes(&file).and_then(|asset| {
+        let form = registry.form(&asset)?;
+        form.open(Arc::new(asset)).map(drop)
+    });
+    (found, opened)
+}
+
 #[test]
 fn nothing_that_validates_fails_and_nothing_panics() {
     let registry = built_in();
@@ -95,6 +116,11 @@ fn nothing_that_validates_fails_and_nothing_panics() {
             let used = use_asset(&registry, &file, number, true);
             assert!(matches!(used, Ok(Ok(()))), "{recipe:?}: {:?}", used.err());
         }
+    }
+    for (recipe, tag) in [(5, "qlt.stp"), (5, "qln.stp"), (5, "qln.uni"), (7, "aft.stp")] {
+        let (found, used) = shining(&registry, (recipe, &assets[recipe]), tag);
+        assert!(found.errors > 0, "{tag}: {found}");
+        assert!(used.is_err(), "{tag}");
     }
     std::panic::set_hook(Box::new(|info| {
         *PANIC.lock().unwrap_or_else(PoisonError::into_inner) = info.to_string().replace('\n', " ");

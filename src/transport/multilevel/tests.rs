@@ -164,3 +164,22 @@ fn double_layers_are_summed_over_nets_of_their_own() {
         assert!(found < 0.01 && without > 0.05, "{found:.1e}, {without:.1e} without");
     }
 }
+
+#[test]
+fn receivers_that_are_asked_for_have_what_they_have_among_all() {
+    let fixture = head(named("marble"), 6000);
+    let (irradiance, pieces) = lit(&fixture, DVec3::new(0.2, 1.0, 0.1));
+    let (surface, receivers, kernels) = (fixture.surface(), fixture.receivers(16), kernels(&fixture));
+    let of_part: Vec<Option<u32>> = surface.domain.parts.parts.iter().map(|part| part.medium).collect();
+    let light = SampleLight::new(&irradiance, &pieces);
+    let radiosity = |nets: &SurfaceNets, asked: Option<&[u32]>| {
+        nets.radiosity(&surface, &nets.tables(&surface, &receivers, (&kernels, &of_part)), light, (&receivers, asked))
+    };
+    let quality = Quality::for_error(0.005);
+    let all = SurfaceNets::new(&surface, &receivers, quality);
+    let (whole, asked) = (radiosity(&all, None), [3, 40, 41]);
+    let some = SurfaceNets::at_some(&surface, &receivers, quality, Some(&asked));
+    for found in [radiosity(&all, Some(&asked)), radiosity(&some, Some(&asked)), radiosity(&some, None)] {
+        assert!(asked.iter().all(|&i| found[i as usize] == whole[i as usize] && found[i as usize] != DVec3::ZERO));
+    }
+}
