@@ -305,7 +305,9 @@ impl<F: Form> AnyForm for F {
     }
 
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
-        Form::bake(self, scene, settings, progress)
+        let parts = Form::bake(self, scene, settings, progress)?;
+        let guarded = |open: Opener| Box::new(|asset| open(asset).map(Guarded::of)) as Opener;
+        Ok(AssetParts { opener: parts.opener.map(guarded), ..parts })
     }
 
     fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {

@@ -8,7 +8,7 @@ use translux_format::calibration::Calibration;
 use translux_format::metadata::tags;
 
 use super::evaluator::Evaluator;
-use super::form::{AnyForm, BakeSettings, Model, RegisteredForm, read_error};
+use super::form::{AnyForm, BakeSettings, Model, Opener, RegisteredForm, read_error};
 use super::keys::{AnyKey, Keys};
 use super::model_error::ModelWalks;
 use crate::asset::{Asset, Provenance};
@@ -146,19 +146,30 @@ impl Recipe {
     /// # Errors
     /// Errors of the form.
     pub fn bake(&self, scene: Scene, provenance: Provenance, progress: &dyn Progress) -> Result<Asset> {
-        Ok(self.bake_and_open(scene, provenance, progress)?.0)
+        Ok(self.baked(scene, provenance, progress)?.0)
     }
 
-    /// [`Self::bake`], and the asset's evaluator where the bake needed it.
+    /// [`Self::bake`], and the asset's evaluator where the bake has made it or most of it.
     ///
     /// # Errors
     /// Errors of the form.
     pub fn bake_and_open(
         &self,
         scene: Scene,
-        mut provenance: Provenance,
+        provenance: Provenance,
         progress: &dyn Progress,
     ) -> Result<(Asset, Option<Box<dyn Evaluator>>)> {
+        let (asset, opener) = self.baked(scene, provenance, progress)?;
+        let evaluator = opener.map(|open| open(Arc::new(asset.clone()))).transpose()?;
+        Ok((asset, evaluator))
+    }
+
+    fn baked(
+        &self,
+        scene: Scene,
+        mut provenance: Provenance,
+        progress: &dyn Progress,
+    ) -> Result<(Asset, Option<Opener>)> {
         let parts = self.form.bake(&scene, &self.settings.with_probes_of_kinds(), progress)?;
         provenance.method = self.method.to_owned();
         provenance.settings.extend(self.texts.clone());
@@ -192,10 +203,10 @@ impl Recipe {
                     None => self.form.open(finished)?,
                 };
                 walks.enter(evaluator.as_mut(), &mut asset.ledger, progress)?;
-                return Ok((asset, Some(evaluator)));
+                return Ok((asset, Some(Box::new(|_| Ok(evaluator)))));
             }
         }
-        Ok((asset, None))
+        Ok((asset, parts.opener))
     }
 }
 

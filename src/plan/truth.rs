@@ -216,7 +216,7 @@ impl Sums {
 
     /// Others over the same samples with the same kernels.
     fn of_form(self, form: &Gathered) -> Self {
-        Self { evaluator: self.evaluator.gathering(form.gathering(None)), ..self }
+        Self { evaluator: self.evaluator.with_gathering(form.gathering(None)), ..self }
     }
 
     fn at(&mut self, light: &Light, places: &Places) -> Result<Vec<DVec3>> {

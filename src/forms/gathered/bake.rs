@@ -33,7 +33,6 @@ use crate::medium::profile::Orders;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::calibration::{Calibrated, Walks};
-use crate::transport::far_field::LANES;
 use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::medium::{KernelsOfParts, MediumKernel};
 use crate::transport::multilevel::{Quality, SurfaceNets};
@@ -144,7 +143,7 @@ impl Form for Gathered {
         let samples = samples.in_tree_order(&scene.mesh, &scene.parts);
         let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || samples::patches(&scene.mesh, &samples));
         let surface = Surface { domain: scene.domain(), bvh: &bvh, samples: &samples, patches: &patches };
-        let receivers = Receivers::new(&scene.mesh, &scene.parts, LANES);
+        let receivers = Receivers::new(&scene.mesh, &scene.parts, self.group as usize);
         progress.finish();
 
         let (mut ledger, mut sections) = (Ledger::default(), calibration);
@@ -254,8 +253,9 @@ fn measured(
     let orders = Orders::beside_first(form.single.is_some());
     let evaluator = GatheredEvaluator::new(Arc::new(asset), form.gathering(Some(quality)));
     let mut evaluator = evaluator.with_model()?.of_orders(orders)?;
-    // Groups of another size have other lists of what is near.
-    nets.filter(|_| form.group as usize == LANES).into_iter().for_each(|nets| evaluator.take_nets(nets));
+    if let Some(nets) = nets {
+        evaluator.take_nets(nets);
+    }
     evaluator.set_lights(vec![unseen.remove(0)], progress)?;
     let ledger = evaluator.measured_error(&unseen, progress)?;
     Ok(Some((ledger, evaluator)))

@@ -156,7 +156,7 @@ impl GatheredEvaluator {
 
     /// Sums of another kind over the same samples with the same kernels, before there are lights.
     #[must_use]
-    pub(crate) fn gathering(self, gathering: Gathering) -> Self {
+    pub(crate) fn with_gathering(self, gathering: Gathering) -> Self {
         let receivers = receivers(&self.scene, &self.patches, gathering);
         let areas = receivers.areas_mm2(&self.scene.mesh);
         let mut result = Self { gathering, receivers, areas, nets: gathering.nets.map(Nets::new), ..self.unlit() };
