@@ -46,7 +46,7 @@ impl Form for Ambient {
     }
 
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
-        density::memory(self.density.count(scene, settings.samples), scene)
+        density::memory(self.density.count(scene, settings.samples), scene, settings.model)
     }
 
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {

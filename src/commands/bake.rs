@@ -345,11 +345,11 @@ pub(super) struct ForecastReport {
 fn forecast(what: &What, imported: Imported, console: &Console) -> Result<ExitCode> {
     let Imported { scene, origin, .. } = imported;
     let chosen;
-    let recipe = match what {
-        What::Named(recipe) => recipe,
+    let (recipe, memory_bytes) = match what {
+        What::Named(recipe) => (recipe, recipe.bake_memory(&scene)),
         What::Planned(request) => {
             chosen = planning::choose(request, &scene, origin.into(), console)?;
-            &chosen
+            (&chosen.0, chosen.1)
         }
     };
     let expected = recipe.form.forecast(&scene, &recipe.settings);
@@ -358,7 +358,7 @@ fn forecast(what: &What, imported: Imported, console: &Console) -> Result<ExitCo
         dry_run: true,
         method: recipe.method.to_owned(),
         settings: recipe.texts.clone(),
-        memory_bytes: recipe.bake_memory(&scene),
+        memory_bytes,
         bytes: expected.as_ref().map(|expected| mesh as f64 + expected.bytes),
         seconds: expected.as_ref().map(|expected| expected.bake_s),
     };

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use clap::Args;
 
-use super::console::{Console, in_range, resident_memory};
+use super::console::{Console, in_range};
 use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::keys::share;
@@ -109,7 +109,7 @@ pub(super) fn light_kinds(text: &str) -> Result<BTreeSet<LightKind>> {
 /// Bakes an imported model; the memory is checked before.
 pub(super) fn bake(mut recipe: Recipe, imported: Imported, console: &Console) -> Result<Asset> {
     let Imported { scene, origin, .. } = imported;
-    let advice = match largest_fit(&recipe, &scene, console.max_memory.saturating_sub(resident_memory())) {
+    let advice = match largest_fit(&recipe, &scene, console.free_memory()) {
         Some(fitting) => format!("--samples {fitting} would fit, or raise --max-memory"),
         None => "no number of samples would fit, raise --max-memory".to_owned(),
     };

@@ -84,6 +84,9 @@ struct State {
     reused: Vec<String>,
 }
 
+/// Bytes that a process takes beside its data once it works: code that is used, stacks of threads, what the allocator keeps.
+const OF_A_PROCESS: u64 = 24 << 20;
+
 impl Console {
     pub(super) fn new(global: &Global, registry: Registry, reported: Arc<AtomicBool>) -> Result<Self> {
         let max_memory = match &global.max_memory {
@@ -253,13 +256,23 @@ impl Console {
         Ok(ExitCode::Ok)
     }
 
-    /// Refuses work that takes `more` than the process has now, if the memory limit does not allow it; `advice` names the setting that
-    /// would fit. The report tells what was needed.
-    pub(super) fn check_memory(&self, more: u64, advice: &str) -> Result<()> {
-        let needed = resident_memory().saturating_add(more);
+    /// Memory that work may take beyond what the process has now, bytes.
+    pub(super) fn free_memory(&self) -> u64 {
+        self.max_memory.saturating_sub(resident_memory()).saturating_sub(OF_A_PROCESS)
+    }
+
+    /// Takes note of work that takes `more` than the process has now; the report tells what was needed, which is returned.
+    pub(super) fn foresee_memory(&self, more: u64) -> u64 {
+        let needed = resident_memory().saturating_add(OF_A_PROCESS).saturating_add(more);
         let mut state = self.state();
         state.estimated_memory = state.estimated_memory.max(needed);
-        drop(state);
+        needed
+    }
+
+    /// Refuses work that takes `more` than the process has now, if the memory limit does not allow it; `advice` names the setting that
+    /// would fit.
+    pub(super) fn check_memory(&self, more: u64, advice: &str) -> Result<()> {
+        let needed = self.foresee_memory(more);
         if needed <= self.max_memory {
             return Ok(());
         }
@@ -342,7 +355,7 @@ fn available_memory() -> u64 {
 }
 
 /// Resident size of this process, in bytes; 0 where the system does not report it.
-pub(super) fn resident_memory() -> u64 {
+fn resident_memory() -> u64 {
     proc_bytes("/proc/self/status", "VmRSS:").unwrap_or(0)
 }
 

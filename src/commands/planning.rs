@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::baking::{BakeOptions, light_kinds};
-use super::console::{Console, Unitless, parse_size, resident_memory};
+use super::console::{Console, Unitless, parse_size};
 use super::output::probe;
 use crate::asset::{Asset, Provenance, REQUEST};
 use crate::error::{Error, ExitCode, Result};
@@ -153,7 +153,10 @@ pub(super) fn bake(
     let setting = Setting {
         registry: &console.registry,
         provenance,
-        max_memory: console.max_memory.saturating_sub(resident_memory()),
+        max_memory: console.free_memory(),
+        foresee: &|more| {
+            console.foresee_memory(more);
+        },
         cache,
     };
     let Planned { mut plan, asset } = plan::bake(request, &scene, &setting, console)?;
@@ -173,12 +176,15 @@ pub(super) fn bake(
     Ok((plan, asset))
 }
 
-/// The recipe that a plan would bake first.
-pub(super) fn choose(request: &Request, scene: &Scene, origin: Provenance, console: &Console) -> Result<Recipe> {
+/// The recipe that a plan would bake first, and the most memory that this takes, bytes.
+pub(super) fn choose(request: &Request, scene: &Scene, origin: Provenance, console: &Console) -> Result<(Recipe, u64)> {
     let setting = Setting {
         registry: &console.registry,
         provenance: origin,
-        max_memory: console.max_memory.saturating_sub(resident_memory()),
+        max_memory: console.free_memory(),
+        foresee: &|more| {
+            console.foresee_memory(more);
+        },
         cache: StageCache::default(),
     };
     let missed = || Error::new(ExitCode::QualityNotMet, "nothing that could be baked is expected to meet the request");

@@ -3,8 +3,11 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::evaluate::Model;
 use crate::geometry::samples::{Facet, Patch};
 use crate::scene::Scene;
+use crate::transport::moved_entry;
+use crate::transport::random_walk::exitance;
 
 /// Density of the surface samples.
 ///
@@ -56,11 +59,16 @@ impl Density {
     }
 }
 
-/// Bytes that a set of samples takes at run time: patches, facets, irradiance and the tree with its clusters.
-pub fn memory(count: usize, scene: &Scene) -> u64 {
+/// Bytes that a set of samples takes with a model: patches, facets, irradiance and the tree with its clusters; with calibrated kernels
+/// what light moves by as well, and the walks.
+pub fn memory(count: usize, scene: &Scene, model: Model) -> u64 {
     const TREE: usize = 64;
     const IRRADIANCE: usize = 24;
     let per_sample = size_of::<Patch>() + 2 * size_of::<Facet>() + size_of::<u32>() + IRRADIANCE + TREE;
     const PER_TRIANGLE: usize = 200;
-    (count * per_sample + scene.mesh.triangles.len() * PER_TRIANGLE) as u64
+    let of_model = match model {
+        Model::Dipole => 0,
+        Model::Calibrated(_) => moved_entry::memory(count) + exitance::memory(scene.domain()),
+    };
+    (count * per_sample + scene.mesh.triangles.len() * PER_TRIANGLE) as u64 + of_model
 }

@@ -2,6 +2,7 @@
 
 use super::record::{Considered, Left};
 use super::request::Request;
+use super::truth;
 use crate::error::Result;
 use crate::evaluate::{BakeSettings, Forecast, Method, Model, Recipe, Registry};
 use crate::light::LightKind;
@@ -25,6 +26,8 @@ pub(super) struct Candidate {
     /// Its family: candidates that differ in samples and asked error alone.
     pub(super) family: usize,
     pub(super) forecast: Forecast,
+    /// Most memory that its bake takes and what it is held against, bytes.
+    pub(super) memory: u64,
     /// Expected size of the file.
     pub(super) file_bytes: f64,
     /// Vertices of the scene.
@@ -114,7 +117,9 @@ impl Candidates {
                 continue;
             }
             let mut entry = Considered::new(&recipe, &self.families[index], &forecast, mesh_bytes, request, scene);
-            let needed = recipe.bake_memory(scene);
+            // The bake, and what it is held against.
+            let judged = (request.max_rms, forecast.erring_samples().unwrap_or(0));
+            let needed = recipe.bake_memory(scene) + truth::memory(scene, judged, request.model);
             let kept = needed <= memory;
             if !kept {
                 entry.left = Some(Left::Memory);
@@ -124,7 +129,15 @@ impl Candidates {
             if kept {
                 let entry = self.considered.len();
                 let vertices = scene.mesh.local_mm.len();
-                self.all.push(Candidate { recipe, family: index, forecast, file_bytes, vertices, entry });
+                self.all.push(Candidate {
+                    recipe,
+                    family: index,
+                    forecast,
+                    memory: needed,
+                    file_bytes,
+                    vertices,
+                    entry,
+                });
             }
             self.considered.push(entry);
         }

@@ -65,6 +65,8 @@ pub struct Setting<'a> {
     pub provenance: Provenance,
     /// Memory that a bake may take, bytes.
     pub max_memory: u64,
+    /// Is told of each bake, before it is made, what it is expected to take of that.
+    pub foresee: &'a (dyn Fn(u64) + Sync),
     /// Results of stages of earlier bakes.
     pub cache: StageCache,
 }
@@ -90,6 +92,7 @@ pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
         plan.timings.choice_s += choosing.elapsed().as_secs_f64();
         plan.request.max_rms = choice.max_rms();
         let Some(candidate) = next.and_then(|index| all.get(index)) else { break };
+        (setting.foresee)(candidate.memory);
         let baking = Instant::now();
         let (asset, evaluator) = candidate.recipe.bake_and_open(scene.clone(), setting.provenance.clone(), progress)?;
         plan.timings.bake_s += baking.elapsed().as_secs_f64();
@@ -124,16 +127,22 @@ pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
     Ok(Planned { plan, asset })
 }
 
-/// The recipe that [`bake`] would bake first; none where nothing is expected to meet the request.
+/// The recipe that [`bake`] would bake first, and the most memory that this takes, bytes; none where nothing is expected to meet the request.
 ///
 /// # Errors
 /// Failures of the work.
-pub fn choose(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn Progress) -> Result<Option<Recipe>> {
+pub fn choose(
+    request: &Request,
+    scene: &Scene,
+    setting: &Setting,
+    progress: &dyn Progress,
+) -> Result<Option<(Recipe, u64)>> {
     let Prepared { all, families, mut plan, kernels, truth, sums, .. } = prepared(request, scene, setting, progress)?;
     let request = &plan.request.clone();
     let mut sampling = Sampling::new(scene, &kernels, (truth, sums.samples), request);
     let next = Choice::new(&all, request, families).next(&mut plan.considered, &mut sampling)?;
-    Ok(next.and_then(|index| all.into_iter().nth(index)).map(|candidate| candidate.recipe))
+    let chosen = next.and_then(|index| all.into_iter().nth(index));
+    Ok(chosen.map(|Candidate { recipe, memory, .. }| (recipe, memory)))
 }
 
 /// What a choice is made among, and the truth that it measures by.

@@ -11,6 +11,7 @@ use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::exitance::MeshPoint;
 use crate::evaluate::{BakeSettings, Evaluator, Form, Model, ModelWalks};
+use crate::forms::density;
 use crate::forms::gathered::{Bound, Far, Gathered, GatheredEvaluator};
 use crate::geometry::samples::Samples;
 use crate::light::Light;
@@ -45,6 +46,14 @@ pub(super) fn samples_of_a_choice(scene: &Scene, max_rms: f64, model: Model) -> 
 /// [`true_samples`] at least, where a truth is there already.
 fn least_samples(scene: &Scene, max_rms: f64, judged: usize) -> usize {
     true_samples(scene, max_rms, 0).max(FINER_BEYOND * judged).min(MOST_SAMPLES)
+}
+
+/// Most bytes that the sums take which tell the error of so many samples.
+pub(super) fn memory(scene: &Scene, (max_rms, judged): (f64, usize), model: Model) -> u64 {
+    let samples = true_samples(scene, max_rms, judged);
+    let (under_soft, _) = under_soft_light(scene, samples);
+    let apart = (under_soft != samples).then(|| density::memory(under_soft, scene, model));
+    density::memory(samples, scene, model) + apart.unwrap_or(0)
 }
 
 /// True if the error under soft light is measured: where the truth has samples enough for many triangles, its rays cost too much.

@@ -24,7 +24,7 @@ use std::sync::OnceLock;
 use glam::{DVec3, Vec3};
 
 use self::steps::Steps;
-use self::ways::{AT_ONCE, SKY_ORDER, Ways};
+use self::ways::{AT_ONCE, SKY_ORDER, Ways, bytes_of_a_sample};
 use super::domain::Domain;
 use super::irradiance::{Illumination, LightSampling, Pieces};
 use super::many_lights::IrradianceRows;
@@ -35,6 +35,11 @@ use crate::light::harmonics::coefficients;
 use crate::light::suns::apart;
 use crate::parallel::*;
 use crate::progress::Progress;
+
+/// Most bytes that the moving of light between so many samples takes, while it is prepared.
+pub fn memory(samples: usize) -> u64 {
+    samples as u64 * bytes_of_a_sample()
+}
 
 /// True for light that comes from one direction at each point, or nearly so; that of skies is moved as a whole.
 fn moves(light: &Light) -> bool {

@@ -71,7 +71,7 @@ fn a_dry_run_foresees_and_writes_nothing() {
         assert!(!folder.path("a.tlux").exists());
         let made = folder.run(&format!("{line} --json")).ok().json();
         assert_eq!(made["method"], foreseen["method"], "{line}");
-        assert_eq!(made["timings"]["estimated_memory_bytes"].as_u64().unwrap() == 0, line == auto);
+        assert!(made["timings"]["estimated_memory_bytes"].as_u64().unwrap() > 16 << 20, "{line}: {made}");
         let ratio = foreseen["bytes"].as_f64().unwrap() / made["bytes"].as_f64().unwrap();
         assert!((0.5..2.0).contains(&ratio), "{line}: {foreseen} for {}", made["bytes"]);
         assert!(foreseen["memory_bytes"].as_u64().unwrap() > 0 && foreseen["seconds"].as_f64().unwrap() > 0.0);

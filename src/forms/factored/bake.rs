@@ -76,7 +76,7 @@ impl Form for Factored {
         let count = self.density.count(scene, settings.samples);
         let rows = self.environment.filter(|_| settings.is_for(LightKind::Environment)).map_or(0, |e| e.memory(count));
         let far = scene.mesh.local_mm.len() as f64 * BYTES_PER_RECEIVER * (0.01 / settings.max_rms).clamp(0.3, 30.0);
-        density::memory(count, scene) + far as u64 + rows
+        density::memory(count, scene, settings.model) + far as u64 + rows
     }
 
     fn forecast(&self, scene: &Scene, settings: &BakeSettings) -> Option<Forecast> {

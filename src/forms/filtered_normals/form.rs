@@ -10,10 +10,13 @@ use super::settings::{Bleeding, Filter, FilteredNormals, Response};
 use super::{bake, evaluate};
 use crate::asset::Asset;
 use crate::error::{Error, Result};
-use crate::evaluate::{AssetParts, BakeSettings, Capabilities, Evaluator, Forecast, Form};
+use crate::evaluate::{AssetParts, BakeSettings, Capabilities, Evaluator, Forecast, Form, Model, memory};
 use crate::forms::density;
 use crate::progress::Progress;
 use crate::scene::Scene;
+
+/// Bytes of the fields of a vertex at run time.
+const OF_A_VERTEX: u64 = 320;
 
 impl Form for FilteredNormals {
     const NAME: &'static str = "filtered_normals";
@@ -48,7 +51,12 @@ impl Form for FilteredNormals {
         let vertices = scene.mesh.local_mm.len() as u64;
         let of_vertex = 1200 + 24 * u64::from(self.rungs);
         let basis = if matches!(self.filter, Filter::Spectral { .. }) { 10_000 } else { 0 };
-        density::memory(self.density.count(scene, settings.samples), scene) + vertices * (of_vertex + basis)
+        density::memory(self.density.count(scene, settings.samples), scene, Model::Dipole)
+            + vertices * (of_vertex + basis)
+    }
+
+    fn run_memory(&self, asset: &Asset) -> u64 {
+        memory::of_evaluator(asset) + asset.scene.mesh.local_mm.len() as u64 * OF_A_VERTEX
     }
 
     fn forecast(&self, scene: &Scene, _: &BakeSettings) -> Option<Forecast> {

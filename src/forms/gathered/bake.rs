@@ -35,6 +35,7 @@ use crate::scene::Scene;
 use crate::transport::calibration::{Calibrated, Walks};
 use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::medium::{KernelsOfParts, MediumKernel};
+use crate::transport::moved_entry;
 use crate::transport::multilevel::{Quality, SurfaceNets};
 use crate::transport::near_rule::NearRule;
 use crate::transport::receivers::Receivers;
@@ -96,7 +97,9 @@ impl Form for Gathered {
 
     fn run_memory(&self, asset: &Asset) -> u64 {
         let nets = self.nets.map_or(0, |_| (asset.samples.len() + asset.scene.mesh.local_mm.len()) as u64);
-        memory::of_evaluator(asset) + nets * BYTES_OF_A_POINT
+        let is_calibrated = asset.sections.iter().any(|section| section.tag == calibration::tags::NUMBERS);
+        let moved = if is_calibrated { moved_entry::memory(asset.samples.len()) } else { 0 };
+        memory::of_evaluator(asset) + nets * BYTES_OF_A_POINT + moved
     }
 
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
@@ -104,7 +107,10 @@ impl Form for Gathered {
         let nets = self.nets.map_or(0, |_| (samples + scene.mesh.local_mm.len()) as u64 * BYTES_OF_A_POINT);
         let rows =
             self.environment.filter(|_| settings.is_for(LightKind::Environment)).map_or(0, |e| e.memory(samples));
-        density::memory(samples, scene) + nets + rows + inter_reflection::memory(self.outside, samples, scene)
+        density::memory(samples, scene, settings.model)
+            + nets
+            + rows
+            + inter_reflection::memory(self.outside, samples, scene)
     }
 
     fn forecast(&self, scene: &Scene, settings: &BakeSettings) -> Option<Forecast> {

@@ -44,7 +44,7 @@ impl Form for DirectionalRows {
         let (samples, vertices) = (self.0.density.count(scene, settings.samples), scene.mesh.local_mm.len() as u64);
         // Rows of samples, of nodes (half as many) with their copy, and of vertices.
         let own = samples as u64 * 2 * of_sample(&self.0) as u64 * 6 + vertices * self.0.row as u64 * 5;
-        density::memory(samples, scene) + own + inter_reflection::memory(self.0.outside, samples, scene)
+        density::memory(samples, scene, settings.model) + own + inter_reflection::memory(self.0.outside, samples, scene)
     }
 
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {

@@ -2,14 +2,14 @@
 
 use std::sync::Arc;
 
-use translux_format::Tag;
+use translux_format::{Tag, texture_space};
 
 use super::forecast::forecast;
 use super::settings::{Local, Sampling, TextureSpace};
 use super::{bake, evaluate};
 use crate::asset::Asset;
 use crate::error::{Error, Result};
-use crate::evaluate::{AssetParts, BakeSettings, Capabilities, Evaluator, Forecast, Form};
+use crate::evaluate::{AssetParts, BakeSettings, Capabilities, Evaluator, Forecast, Form, Model, memory};
 use crate::forms::density;
 use crate::light::LightKind;
 use crate::progress::Progress;
@@ -17,6 +17,11 @@ use crate::scene::Scene;
 
 /// Bytes of a texel at run time: its patches, nodes and their light.
 const OF_TEXEL: u64 = 500;
+
+/// Bytes of the texels of an atlas; patches end with triangles, too.
+fn of_texels(texels: u64, scene: &Scene) -> u64 {
+    (texels + 4 * scene.mesh.triangles.len() as u64) * OF_TEXEL
+}
 
 impl Form for TextureSpace {
     const NAME: &'static str = "texture_space";
@@ -60,8 +65,15 @@ impl Form for TextureSpace {
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
         let texels = u64::from(bake::resolution(self, scene)).pow(2);
         let samples = settings.samples.unwrap_or(bake::MOST_COUNT as usize) as u64;
-        let truth = density::memory(self.density.count(scene, None), scene);
-        truth + (texels + 4 * scene.mesh.triangles.len() as u64) * OF_TEXEL + 48 * samples
+        let truth = density::memory(self.density.count(scene, None), scene, Model::Dipole);
+        truth + of_texels(texels, scene) + 48 * samples
+    }
+
+    fn run_memory(&self, asset: &Asset) -> u64 {
+        // What cannot be read is refused when it is opened.
+        let numbers = texture_space::from_sections(&asset.sections).ok().flatten();
+        let texels = numbers.map_or(0, |numbers| u64::from(numbers.resolution).pow(2));
+        memory::of_evaluator(asset) + of_texels(texels, &asset.scene)
     }
 
     fn forecast(&self, scene: &Scene, settings: &BakeSettings) -> Option<Forecast> {

@@ -2,22 +2,26 @@
 
 use crate::transport::surface::Surface;
 
+/// Eight cells of a sample, and its shares in them.
+pub(super) type Shares = ([u32; 8], [f32; 8]);
+
 /// Cells of a grid around the samples of a part; samples share in the eight nearest.
 pub(super) struct Cells {
-    /// Eight cells of each sample, and its shares in them.
-    pub(super) of_sample: Vec<([u32; 8], [f32; 8])>,
+    /// Cells of each sample.
+    pub(super) of_sample: Vec<Shares>,
     pub(super) count: usize,
 }
 
 impl Cells {
     /// Cells of the samples, whose edges depend on the part.
     pub(super) fn new(surface: &Surface, edge_mm: impl Fn(usize) -> Option<f64>) -> Self {
-        let mut keys: Vec<[i32; 4]> = Vec::new();
-        let mut of_sample = Vec::new();
+        let count = surface.samples.len();
+        let mut keys: Vec<[i32; 4]> = Vec::with_capacity(8 * count);
+        let mut of_sample = Vec::with_capacity(count);
         let corners = |[part, x, y, z]: [i32; 4]| -> [[i32; 4]; 8] {
             std::array::from_fn(|i| [part, x + (i & 1) as i32, y + (i >> 1 & 1) as i32, z + (i >> 2) as i32])
         };
-        let mut bases = vec![([i32::MIN; 4], [0.0; 3]); surface.samples.len()];
+        let mut bases = vec![([i32::MIN; 4], [0.0; 3]); count];
         for part in 0..surface.domain.parts.parts.len() {
             let Some(edge) = edge_mm(part) else { continue };
             for sample in surface.samples.part(part) {

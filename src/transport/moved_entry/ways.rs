@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use glam::{DVec2, DVec3};
 
-use super::cells::{Cells, add};
+use super::cells::{Cells, Shares, add};
 use super::neighbours::{AZIMUTHS, Around, DISTANCES, Facets, Frame, NOWHERE, neighbours};
 use super::steps::{Ladder, Steps};
 use crate::light::Light;
@@ -30,6 +30,7 @@ const TURNED_AWAY: f64 = -0.5;
 
 /// Order of the harmonics of skies whose light moves.
 pub(super) const SKY_ORDER: usize = 3;
+const HARMONICS: usize = SKY_ORDER * SKY_ORDER;
 
 /// Directions of light from everywhere.
 const EVERYWHERE: usize = 48;
@@ -37,8 +38,22 @@ const EVERYWHERE: usize = 48;
 /// One ray from each sample towards a direction.
 pub(super) const ONE_RAY: LightSampling = LightSampling { points_per_patch: 1, ..LightSampling::FAST };
 
-/// Lights whose irradiance is moved at once.
-pub(super) const AT_ONCE: usize = 16;
+/// Bytes of a sample while the light of one direction is moved: what enters, what it brings, and what is there.
+const OF_A_LIGHT: usize = 96;
+
+/// Lights whose irradiance is moved at once: a few, each of which keeps threads at work for most of its time, since all of them take memory.
+pub(super) const AT_ONCE: usize = 4;
+
+/// Means over all directions of what enters a sample, and of what is there after it has moved, by harmonic.
+type UnderSkies = ([f64; HARMONICS], [[f64; 3]; HARMONICS]);
+
+/// Most bytes that a sample takes while the ways are made.
+pub(super) fn bytes_of_a_sample() -> u64 {
+    (Ways::OF_A_SAMPLE + size_of::<UnderSkies>() + AT_ONCE * OF_A_LIGHT) as u64
+}
+
+/// What moving changes in the irradiance of a sample under each harmonic of the light from far away, from the second on.
+type Changes = [[f32; 3]; HARMONICS - 1];
 
 /// The ways of light between the samples of a surface.
 pub(super) struct Ways {
@@ -55,7 +70,7 @@ pub(super) struct Ways {
     /// For each sample, the irradiance of light from everywhere that enters there over that which is moved there.
     pub(super) balance: Vec<[f64; 3]>,
     /// For each sample, what moving changes in the irradiance under each harmonic of the light from far away, from the second on.
-    pub(super) sky: Vec<[[f32; 3]; SKY_ORDER * SKY_ORDER - 1]>,
+    pub(super) sky: Vec<Changes>,
 }
 
 impl Ways {
@@ -91,8 +106,7 @@ impl Ways {
 
     /// What makes light from everywhere the same before and after it is moved, and what moving changes then under other harmonics. Kernels are
     /// calibrated with diffuse entry, which stays: what moving changes under one direction has to vanish in the mean over all.
-    fn under_skies(&self, surface: &Surface) -> (Vec<[f64; 3]>, Vec<[[f32; 3]; SKY_ORDER * SKY_ORDER - 1]>) {
-        const HARMONICS: usize = SKY_ORDER * SKY_ORDER;
+    fn under_skies(&self, surface: &Surface) -> (Vec<[f64; 3]>, Vec<Changes>) {
         let etas: Vec<f64> = surface.domain.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
         let directions = lattice(EVERYWHERE, 0.5);
         let of_direction = |from: &DVec3| {
@@ -105,7 +119,7 @@ impl Ways {
             real_sh(SKY_ORDER, to_harmonics(*from), &mut harmonics);
             Some((harmonics, entered, moved))
         };
-        let mut sums = vec![([0.0; HARMONICS], [[0.0; 3]; HARMONICS]); self.part.len()];
+        let mut sums: Vec<UnderSkies> = vec![([0.0; HARMONICS], [[0.0; 3]; HARMONICS]); self.part.len()];
         for some in directions.chunks(AT_ONCE) {
             let found: Vec<_> = some.par_iter().filter_map(of_direction).collect();
             sums.par_iter_mut().enumerate().for_each(|(sample, (before, after))| {
@@ -116,7 +130,7 @@ impl Ways {
             });
         }
         let solid_angle = 2.0 * TAU / EVERYWHERE as f64;
-        let of_sample = |(before, after): &([f64; HARMONICS], [[f64; 3]; HARMONICS])| {
+        let of_sample = |(before, after): &UnderSkies| {
             let factor = after[0].map(|after| {
                 let ratio = before[0] / after;
                 if ratio.is_finite() { ratio.clamp(LEAST_FACTOR.into(), MOST_FACTOR.into()) } else { 1.0 }
@@ -255,13 +269,16 @@ impl Ways {
         [way(turn as usize, 1.0 - turn.fract()), way(turn as usize + 1, turn.fract())]
     }
 
+    /// Bytes of a sample: neighbours, frame, cells, part, balance, and changes under skies.
+    const OF_A_SAMPLE: usize = size_of::<Around>()
+        + size_of::<Frame>()
+        + size_of::<Shares>()
+        + size_of::<u32>()
+        + size_of::<[f64; 3]>()
+        + size_of::<Changes>();
+
     /// Bytes in memory.
     pub(super) fn bytes(&self) -> usize {
-        size_of_val(self.around.as_slice())
-            + size_of_val(self.frames.as_slice())
-            + size_of_val(self.cells.of_sample.as_slice())
-            + size_of_val(self.part.as_slice())
-            + size_of_val(self.balance.as_slice())
-            + size_of_val(self.sky.as_slice())
+        self.part.len() * Self::OF_A_SAMPLE
     }
 }

@@ -75,7 +75,8 @@ fn ranges_mm(scene: &Scene, share: f64) -> Vec<f64> {
 fn memory(form: &NeighbourLists, scene: &Scene, settings: &BakeSettings) -> u64 {
     let share = form.range_share;
     let entries = Neighbourhoods::new(scene).estimated_entries(&ranges_mm(scene, share));
-    density::memory(form.density.count(scene, settings.samples), scene) + entries * size_of::<Entry>() as u64
+    density::memory(form.density.count(scene, settings.samples), scene, settings.model)
+        + entries * size_of::<Entry>() as u64
 }
 
 /// The lists' size, refused where it is beyond reason.

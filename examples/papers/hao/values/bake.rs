@@ -72,7 +72,7 @@ pub(crate) fn memory(form: &VertexValues, scene: &Scene, settings: &BakeSettings
     let samples = form.density.count(scene, settings.samples);
     let lights = directions(form) * (form.lights.shells + 1);
     let values = (scene.mesh.local_mm.len() * planes(form) * lights) as u64;
-    density::memory(samples, scene) + values * (4 + WORK) + (samples * 64 * 4 * 2) as u64
+    density::memory(samples, scene, settings.model) + values * (4 + WORK) + (samples * 64 * 4 * 2) as u64
 }
 
 /// What the stages share.

@@ -56,7 +56,7 @@ impl Form for Harmonics {
         let channels = if settings.model == Model::Dipole { 1 } else { 3 };
         // Irradiance and flux of every sample; radiosities of each reference point, twice, and their columns.
         let own = samples as u64 * functions * 4 * 3 * channels + (vertices / 2 + 256) * functions * 3 * 4 * 3;
-        density::memory(samples, scene) + own + inter_reflection::memory(self.0.outside, samples, scene)
+        density::memory(samples, scene, settings.model) + own + inter_reflection::memory(self.0.outside, samples, scene)
     }
 
     fn forecast(&self, scene: &Scene, settings: &BakeSettings) -> Option<Forecast> {

@@ -63,8 +63,11 @@ const MANY: usize = 100_000;
 /// Lights that choices look at.
 pub const TUNING: usize = 20;
 
+/// Vertices of which more than a quarter may be reference points.
+const MANY_VERTICES: u64 = 4096;
+
 /// Copies of the radiosities that are in memory together.
-const COPIES: u64 = 5;
+const COPIES: u64 = 4;
 
 impl Form for QuantisedLights {
     const NAME: &'static str = "quantised_lights";
@@ -96,13 +99,14 @@ impl Form for QuantisedLights {
         let directions = self.lights.directions.unwrap_or(LARGEST_SET) as u64;
         let shells = self.lights.shells as u64 + 1;
         let (samples, lights) = (self.density.count(scene, settings.samples) as u64, directions * shells);
-        // Radiosities of each reference point; about a quarter of the vertices at most. Beside them while they are coded: those of the shells
-        // that are coded, decorrelated, and their coefficients, predicted, quantised and known.
-        let references = scene.mesh.local_mm.len() as u64 / 4 + 256;
+        // Radiosities of each reference point; about a quarter of many vertices at most, and nearly all of few. Beside them while they are
+        // coded: those of the shells that are coded, decorrelated, and their coefficients, predicted, quantised and known.
+        let vertices = scene.mesh.local_mm.len() as u64;
+        let references = (vertices / 4 + 256).max(vertices.min(MANY_VERTICES));
         // Light that is moved to where it first scatters is another in every channel.
         let channels = if settings.model == Model::Dipole { 1 } else { 3 };
         // Visibility, irradiance and flux of a run of lights; the products of lights and of their functions.
-        density::memory(samples as usize, scene)
+        density::memory(samples as usize, scene, settings.model)
             + references * 3 * 4 * COPIES * lights
             + samples * (lights / 8 + 128 * 4 * 3 * channels)
             + 8 * 4 * directions * directions
