@@ -123,7 +123,7 @@ impl Candidates {
             let kept = needed <= memory;
             if !kept {
                 entry.left = Some(Left::Memory);
-                entry.why = format!("its bake takes about {} of memory", megabytes(needed));
+                entry.why = format!("its bake and what it is held against take about {} of memory", megabytes(needed));
             }
             let file_bytes = mesh_bytes as f64 + forecast.bytes;
             if kept {

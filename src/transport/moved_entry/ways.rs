@@ -30,6 +30,8 @@ const TURNED_AWAY: f64 = -0.5;
 
 /// Order of the harmonics of skies whose light moves.
 pub(super) const SKY_ORDER: usize = 3;
+
+/// Number of those harmonics.
 const HARMONICS: usize = SKY_ORDER * SKY_ORDER;
 
 /// Directions of light from everywhere.
