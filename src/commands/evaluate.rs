@@ -1,6 +1,6 @@
 //! `translux evaluate A.tlux --light L -o B.ply`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
@@ -8,6 +8,7 @@ use glam::DVec3;
 
 use super::console::Console;
 use super::device::DeviceArg;
+use super::light_map::{LightMap, SIDE, check_side};
 use super::lights::{LightArgs, ResolvedLights, warn_of_places};
 use super::media::without_transport;
 use super::opening::AssetArgs;
@@ -16,9 +17,11 @@ use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::{Evaluator, SingleScattering};
+use crate::import::file::suffix;
 use crate::measure::probes::by_stage;
 use crate::measure::trust::{Subject, Trust, trust};
 use crate::report::evaluation::{EvaluationReport, RadiosityReport, mean_and_max};
+use crate::report::export::radiosity_attributes;
 use crate::report::radiosity_ply::{
     CALIBRATED, DIPOLE, SINGLE_INCLUDED, Single, comments, model_of, radiosity_ply_with,
 };
@@ -35,9 +38,11 @@ pub(super) struct EvaluateArgs {
     asset: AssetArgs,
     #[command(flatten)]
     lights: LightArgs,
-    /// PLY to write, `-` for standard output; repeatable
+    /// PLY to write, `-` for standard output, or OpenEXR with a texture of the surface; repeatable
     #[arg(short, long, required = true, value_name = "FILE")]
     output: Vec<PathBuf>,
+    #[arg(long, value_name = "N", help = format!("Texels of a side of the texture [default: {SIDE}]"))]
+    texture: Option<u32>,
     #[arg(long, value_name = "MODEL", help = format!("Another mesh of the same object in the same units, such as a coarser \
         level of detail: radiosity is gathered at its vertices. {}", without_transport()))]
     on: Option<PathBuf>,
@@ -58,6 +63,8 @@ pub(super) struct Radiosity<'a> {
     /// Model of the light inside.
     pub(super) model: &'a str,
     pub(super) outputs: &'a [PathBuf],
+    /// Texels of a side of the texture, if one is written.
+    pub(super) texture: Option<u32>,
     /// Whether the error is measured.
     pub(super) measure: bool,
     pub(super) asked_rms: Option<f64>,
@@ -66,7 +73,13 @@ pub(super) struct Radiosity<'a> {
 }
 
 pub(super) fn run(args: &EvaluateArgs, console: &Console) -> Result<ExitCode> {
-    output::check(&args.output, &["ply"], console)?;
+    output::check(&args.output, if args.on.is_some() { &["ply"] } else { &["ply", "exr"] }, console)?;
+    let texture = args.output.iter().any(|path| is_texture(path)).then(|| args.texture.unwrap_or(SIDE));
+    match (texture, args.texture) {
+        (Some(side), _) => check_side("--texture", side, console)?,
+        (None, Some(_)) => return Err(Error::command_line("--texture: no -o is a texture (.exr)")),
+        (None, None) => {}
+    }
     let lights = args.lights.load(console)?;
     if let Some(model) = &args.on {
         if args.device != DeviceArg::Cpu {
@@ -87,8 +100,12 @@ pub(super) fn run(args: &EvaluateArgs, console: &Console) -> Result<ExitCode> {
     let (provenance, asked_rms) = (opened.provenance.clone(), opened.asked_rms());
     let (method, model) = (provenance.method.as_str(), model_of(&provenance));
     let mut evaluator = args.device.place(opened.evaluator, console)?;
-    let wanted = Radiosity { method, model, outputs: &args.output, measure: args.measure, asked_rms, trust };
+    let wanted = Radiosity { method, model, outputs: &args.output, texture, measure: args.measure, asked_rms, trust };
     finish("evaluate", evaluator.as_mut(), lights, &wanted, console)
+}
+
+fn is_texture(path: &Path) -> bool {
+    suffix(path) == "exr"
 }
 
 /// Measures where an asset is wrong, with the materials and the profile of the command line.
@@ -105,12 +122,18 @@ pub(super) fn finish(
     wanted: &Radiosity,
     console: &Console,
 ) -> Result<ExitCode> {
-    let &Radiosity { method, model, outputs, measure, asked_rms, ref trust } = wanted;
+    let &Radiosity { method, model, outputs, texture, measure, asked_rms, ref trust } = wanted;
+    if texture.is_some() && evaluator.single_scattering_is() != SingleScattering::None {
+        return Err(Error::unsupported(
+            "-o: single scattering is a value of its own at each vertex, which a texture has not; `export --as lightmap` writes the sum",
+        ));
+    }
     warn_of_places(evaluator.scene(), &lights.lights, evaluator.cost().samples, console);
     evaluator.set_lights(lights.lights, console)?;
     let radiosity = evaluator.radiosity(console)?;
     let single = single_scattering(evaluator, console)?;
-    output::write(outputs, console, || {
+    let (textures, tables): (Vec<&PathBuf>, Vec<&PathBuf>) = outputs.iter().partition(|path| is_texture(path));
+    output::write(&tables, console, || {
         let scene = evaluator.scene();
         let mut comments = comments(method, scene, &lights.text);
         if model != DIPOLE {
@@ -126,6 +149,18 @@ pub(super) fn finish(
         let single = single.as_deref().map_or(Single::None, Single::Beside);
         radiosity_ply_with(&scene.mesh, (&radiosity, single), trust.as_ref().map(columns).unwrap_or_default(), comments)
     })?;
+    let texture = texture.map(|side| LightMap::new(evaluator, side, console)).transpose()?;
+    let materials: Vec<String> = evaluator.scene().media.iter().map(|medium| medium.name.clone()).collect();
+    if let Some(lit) = &texture {
+        output::write(&textures, console, || lit.map.to_exr(radiosity_attributes(method, &materials, &lights.text)))?;
+    }
+    let texture = texture.as_ref().map(LightMap::report);
+    if let Some(texture) = &texture {
+        console.note(&texture.line());
+        if !texture.own_coordinates {
+            console.note("`export --as lightmap` writes these coordinates, with the model and the same texture");
+        }
+    }
     let trust = trust.as_ref().map(TrustReport::new);
     trust.iter().for_each(|trust| console.note(&trust.line()));
     // Errors are relative to the radiosity: where that is black there is none to tell.
@@ -155,6 +190,7 @@ pub(super) fn finish(
         asked_rms,
         measured,
         trust,
+        texture,
     };
     console.report(command, &report)?;
     verdict

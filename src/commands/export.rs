@@ -4,36 +4,34 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use glam::DVec3;
+use serde_json::Value;
 
 use super::console::{Console, in_range};
+use super::light_map::{LightMap, SIDE, check_side};
 use super::lights::{LightArgs, ResolvedLights, warn_of_places};
 use super::opening::{AssetArgs, Opened};
 use super::output;
 use super::page::PageArgs;
 use crate::asset::Provenance;
 use crate::error::{Error, ExitCode, Result};
-use crate::evaluate::exitance::Exitance;
 use crate::evaluate::summed::Summed;
 use crate::evaluate::{Evaluator, SingleScattering};
+use crate::export::basis::{Basis, Edit, FACTORS};
 use crate::export::colours::{Exposed, vertex_colours};
 use crate::export::harmonics::{Flattening, Order, Transfer, of_light};
-use crate::export::lightmap::{Lightmap, Placed, SIDES};
 use crate::export::{VertexData, fresh, onto};
 use crate::import::file::{Input, read_model, suffix};
 use crate::io::gltf::PlacedMesh;
 use crate::io::gltf::written::Document;
 use crate::render::film::Exposure;
-use crate::render::frame::ExitanceAt;
-use crate::report::export::{ExportReport, ExposureReport, LightmapReport};
+use crate::report::export::{BasisReport, ExportReport, ExposureReport};
 use crate::report::radiosity_ply::check_range;
 use crate::report::text::significant;
 use crate::scene::Scene;
 
-/// Texels of a side where nothing else is asked for.
-const SIDE: u32 = 1024;
-
-/// Bytes of memory for each texel of a light map and its files.
-const BYTES_PER_TEXEL: u64 = 400;
+/// Largest factors of edits where nothing else is asked for.
+const ABSORPTION: f64 = 4.0;
+const LARGER: f64 = 2.0;
 
 /// Distance of vertices of a file from those of the asset, over the diagonal, beyond which it is another model.
 const SAME_PLACE: f64 = 1e-4;
@@ -56,12 +54,16 @@ pub(super) struct ExportArgs {
     exposure: Option<Exposure>,
     #[arg(long, value_name = "N", help = format!("Texels of a side of the light map [default: {SIDE}]"))]
     resolution: Option<u32>,
+    #[arg(long, value_name = "F", help = format!("Largest factor of the absorption that --as basis knows; its inverse is the least [default: {ABSORPTION}]"))]
+    absorption_range: Option<f64>,
+    #[arg(long, value_name = "F", help = format!("The same for the size, 1 for that of the asset alone [default: {LARGER}]"))]
+    size_range: Option<f64>,
     /// Which attributes of vertices: those named in docs/export.md, or those that an engine's importer takes
     #[arg(long, default_value = "any")]
     engine: Engine,
     #[command(flatten)]
     page: PageArgs,
-    /// GLB to write, a page (.html), and with --as lightmap OpenEXR (radiosity) and PNG (exposed); `-` for a GLB on standard output; repeatable
+    /// GLB to write, a page (.html), with --as lightmap OpenEXR (radiosity) and PNG (exposed), with --as basis its table as JSON; `-` for a GLB on standard output; repeatable
     #[arg(short, long, required = true, value_name = "FILE")]
     output: Vec<PathBuf>,
 }
@@ -77,6 +79,8 @@ enum Kind {
     Sh1,
     /// The same with band 2, 27 floats a vertex
     Sh2,
+    /// Functions of the vertex whose weights follow any distant light, the absorption and the size
+    Basis,
     /// A page for browsers in one file, with a light that turns
     Page,
 }
@@ -90,7 +94,7 @@ impl Kind {
         match self {
             Self::VertexColors | Self::Lightmap | Self::Page => None,
             Self::Sh1 => Some(Order::One),
-            Self::Sh2 => Some(Order::Two),
+            Self::Sh2 | Self::Basis => Some(Order::Two),
         }
     }
 }
@@ -108,8 +112,15 @@ enum Engine {
 struct Exported {
     data: Option<VertexData>,
     exposed: Option<Exposed>,
-    map: Option<(Placed, Lightmap, ExitanceAt)>,
+    map: Option<LightMap>,
     flattening: Option<Flattening>,
+    edits: Option<Edited>,
+}
+
+/// What serves edits, beside the attributes.
+struct Edited {
+    table: Value,
+    report: BasisReport,
 }
 
 pub(super) fn run(args: &ExportArgs, console: &Console) -> Result<ExitCode> {
@@ -130,6 +141,9 @@ pub(super) fn run(args: &ExportArgs, console: &Console) -> Result<ExitCode> {
     }
     warn_of_places(evaluator.scene(), &lights.lights, evaluator.cost().samples, console);
     let mut exported = match (order, coefficients) {
+        (Some(_), Some(coefficients)) if args.kind() == Kind::Basis => {
+            args.basis(evaluator.as_mut(), &lights, &coefficients, console)?
+        }
         (Some(order), Some(coefficients)) => harmonics(evaluator.as_mut(), order, &lights, &coefficients, console)?,
         _ if args.kind() == Kind::Lightmap => args.lightmap(evaluator.as_mut(), &lights, console)?,
         _ => args.vertex_colours(evaluator.as_mut(), &lights, console)?,
@@ -153,6 +167,7 @@ impl ExportArgs {
         let suffixes: &[&str] = match self.kind() {
             Kind::Lightmap => &["glb", "exr", "png"],
             Kind::Page => &["html"],
+            Kind::Basis => &["glb", "json"],
             Kind::VertexColors | Kind::Sh1 | Kind::Sh2 => &["glb"],
         };
         if self.kind.is_none() && self.kind() != Kind::Page {
@@ -172,6 +187,13 @@ impl ExportArgs {
             Self { engine: Engine::Godot, .. } if self.kind() == Kind::Page => {
                 misplaced("--engine", "vertex-colors and sh1")
             }
+            Self { absorption_range: Some(_), .. } if self.kind() != Kind::Basis => {
+                misplaced("--absorption-range", "basis")
+            }
+            Self { size_range: Some(_), .. } if self.kind() != Kind::Basis => misplaced("--size-range", "basis"),
+            Self { engine: Engine::Godot, kind: Some(Kind::Basis), .. } => Err(Error::unsupported(
+                "--engine godot: basis has more than the 12 floats that Godot takes from a glTF file: --as sh1 has 12",
+            )),
             Self { scene: Some(_), .. } if self.kind() == Kind::Page => {
                 misplaced("--scene", "the kinds that write a GLB")
             }
@@ -185,15 +207,13 @@ impl ExportArgs {
             }
             _ => Ok(()),
         }?;
+        let most = self.most();
+        in_range("--absorption-range", most[0], FACTORS)?;
+        in_range("--size-range", most[1], FACTORS)?;
         if !is_map {
             return Ok(());
         }
-        let side = u64::from(in_range("--resolution", self.side(), SIDES[0]..=SIDES[1])?);
-        let fits = ((console.max_memory / BYTES_PER_TEXEL) as f64).sqrt() as u64;
-        console.check_memory(
-            side * side * BYTES_PER_TEXEL,
-            &format!("--resolution {fits} would fit, or raise --max-memory"),
-        )
+        check_side("--resolution", self.side(), console)
     }
 
     /// What was asked for, or follows from the names of the files.
@@ -201,6 +221,11 @@ impl ExportArgs {
         let of_names =
             if self.output.iter().all(|path| suffix(path) == "html") { Kind::Page } else { Kind::VertexColors };
         self.kind.unwrap_or(of_names)
+    }
+
+    /// The largest factors of absorption and size.
+    fn most(&self) -> [f64; 2] {
+        [self.absorption_range.unwrap_or(ABSORPTION), self.size_range.unwrap_or(LARGER)]
     }
 
     fn side(&self) -> u32 {
@@ -222,7 +247,7 @@ impl ExportArgs {
             exposure,
             console,
         )?;
-        let nothing = Exported { data: None, exposed: None, map: None, flattening: None };
+        let nothing = Exported { data: None, exposed: None, map: None, flattening: None, edits: None };
         let mut report = self.report(&nothing, provenance, lights, evaluator.scene());
         report.cost = evaluator.cost();
         report.page = Some(page);
@@ -246,27 +271,37 @@ impl ExportArgs {
         check_range("radiosity", &radiosity)?;
         let exposed = self.exposed(&radiosity, &evaluator.scene().vertex_areas_mm2());
         let data = Some(vertex_colours(&radiosity, &exposed));
-        Ok(Exported { data, exposed: Some(exposed), map: None, flattening: None })
+        Ok(Exported { data, exposed: Some(exposed), map: None, flattening: None, edits: None })
+    }
+
+    fn basis(
+        &self,
+        evaluator: &mut dyn Evaluator,
+        lights: &ResolvedLights,
+        coefficients: &[DVec3; 9],
+        console: &Console,
+    ) -> Result<Exported> {
+        let vertices = evaluator.scene().mesh.local_mm.len();
+        console.check_memory(Basis::memory(vertices), "raise --max-memory")?;
+        let basis = Basis::new(evaluator, self.most(), console)?;
+        let errors = basis.errors(evaluator, self.most(), console)?;
+        evaluator.set_lights(lights.lights.clone(), console)?;
+        let asset = evaluator.radiosity(console)?;
+        let unedited = basis.weights(&Edit { absorption: DVec3::ONE, size: 1.0 }, coefficients);
+        let areas = evaluator.scene().vertex_areas_mm2();
+        let flattening = Flattening::new(&basis.radiosity(&unedited), &asset, &areas)?;
+        let [absorption, size] = basis.points().clone();
+        let report = BasisReport { functions: basis.functions(), absorption, size, errors };
+        let edits = Some(Edited { table: basis.table(), report });
+        let data = Some(basis.into_data());
+        Ok(Exported { data, exposed: None, map: None, flattening: Some(flattening), edits })
     }
 
     fn lightmap(&self, evaluator: &mut dyn Evaluator, lights: &ResolvedLights, console: &Console) -> Result<Exported> {
-        let placed = console.stage("unwrap", || Placed::new(&evaluator.scene().mesh, self.side()))?;
         evaluator.set_lights(lights.lights.clone(), console)?;
-        let at = match evaluator.prepare_points(console) {
-            Ok(()) => ExitanceAt::Pixels,
-            Err(error) if error.code() == ExitCode::Unsupported => ExitanceAt::Vertices,
-            Err(error) => return Err(error),
-        };
-        let exitance: Box<dyn Exitance> = match at {
-            ExitanceAt::Vertices => Box::new(evaluator.radiosity(console)?),
-            ExitanceAt::Pixels => {
-                let missing = || Error::runtime("exitance at points is missing");
-                evaluator.exitance_at_points().ok_or_else(missing)?
-            }
-        };
-        let map = Lightmap::new(evaluator.scene(), &placed, self.side(), exitance.as_ref(), console)?;
-        let exposed = self.exposed(&map.texels, &map.covered);
-        Ok(Exported { data: None, exposed: Some(exposed), map: Some((placed, map, at)), flattening: None })
+        let lit = LightMap::new(evaluator, self.side(), console)?;
+        let exposed = self.exposed(&lit.map.texels, &lit.map.covered);
+        Ok(Exported { data: None, exposed: Some(exposed), map: Some(lit), flattening: None, edits: None })
     }
 
     fn report(
@@ -276,14 +311,7 @@ impl ExportArgs {
         lights: ResolvedLights,
         scene: &Scene,
     ) -> ExportReport {
-        let lightmap = exported.map.as_ref().map(|(placed, map, at)| LightmapReport {
-            resolution: map.side,
-            own_coordinates: placed.is_own(),
-            charts: placed.report.charts,
-            coverage: map.coverage(),
-            overlap: placed.report.overlap,
-            exitance: *at,
-        });
+        let lightmap = exported.map.as_ref().map(LightMap::report);
         let exposure = exported.exposed.map(|exposed| ExposureReport {
             asked: self.exposure.unwrap_or_default().to_string(),
             factor: exposed.factor,
@@ -303,6 +331,7 @@ impl ExportArgs {
             exposure,
             lightmap,
             flattening: exported.flattening,
+            basis: exported.edits.as_ref().map(|edited| edited.report.clone()),
             page: None,
             cost: crate::evaluate::Cost::default(),
         }
@@ -321,11 +350,15 @@ impl ExportArgs {
             let is = |path: &&PathBuf| if wanted == "glb" { is_glb(path) } else { suffix(path) == wanted };
             self.output.iter().filter(is).collect()
         };
-        let (map, exposed) = (exported.map.as_ref().map(|(_, map, _)| map), exported.exposed.unwrap_or_default());
+        let (map, exposed) = (exported.map.as_ref().map(|lit| &lit.map), exported.exposed.unwrap_or_default());
         let png = map.map(|map| map.to_png(&exposed)).transpose()?;
         if let (Some(map), Some(png)) = (map, &png) {
             output::write(&of("exr"), console, || map.to_exr(report.attributes()))?;
             output::write(&of("png"), console, || Ok(png.clone()))?;
+        }
+        let table = exported.edits.as_ref().map(|edited| &edited.table);
+        if let Some(table) = table {
+            output::write(&of("json"), console, || Ok(format!("{table}\n").into_bytes()))?;
         }
         let glb = of("glb");
         let mut length = None;
@@ -333,9 +366,10 @@ impl ExportArgs {
             let extras = report.extras();
             let content = fresh::Content {
                 data: exported.data.as_ref(),
-                map: exported.map.as_ref().zip(png.as_deref()).map(|((placed, ..), png)| (placed, png)),
+                map: exported.map.as_ref().zip(png.as_deref()).map(|(lit, png)| (&lit.placed, png)),
                 is_lit: self.kind().order().is_none(),
                 extras: Some(&extras),
+                table,
             };
             let document = match (file, &self.scene) {
                 (Some((document, placed)), Some(path)) => {
@@ -378,7 +412,8 @@ fn harmonics(
     let asset = evaluator.radiosity(console)?;
     let areas = evaluator.scene().vertex_areas_mm2();
     let flattening = Flattening::new(&transfer.radiosity(coefficients), &asset, &areas)?;
-    Ok(Exported { data: Some(transfer.into_data()), exposed: None, map: None, flattening: Some(flattening) })
+    let data = Some(transfer.into_data());
+    Ok(Exported { data, exposed: None, map: None, flattening: Some(flattening), edits: None })
 }
 
 /// Checks that a file is what the asset was made of; returns its record.

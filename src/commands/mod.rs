@@ -19,6 +19,7 @@ mod fixtures;
 mod inspect;
 mod interrupts;
 mod jobs;
+mod light_map;
 mod lights;
 mod man;
 mod many;

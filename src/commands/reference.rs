@@ -111,7 +111,8 @@ fn summed(args: &ReferenceArgs, model: Model, console: &Console) -> Result<ExitC
     let (method, model) = (provenance.method.as_str(), model_of(&provenance));
     let mut evaluator = opening::baked(asset, console)?;
     args.profile.put(evaluator.as_mut())?;
-    let wanted = Radiosity { method, model, outputs: &args.output, measure: !args.no_measure, asked_rms, trust: None };
+    let measure = !args.no_measure;
+    let wanted = Radiosity { method, model, outputs: &args.output, texture: None, measure, asked_rms, trust: None };
     finish("reference", evaluator.as_mut(), lights, &wanted, console)
 }
 

@@ -6,7 +6,7 @@ use glam::Vec2;
 use serde_json::{Map, Value, json};
 
 use super::lightmap::Placed;
-use super::{VertexData, attach, tell, translucent_vertices};
+use super::{VertexData, attach, tell, tell_of_file, translucent_vertices};
 use crate::error::Result;
 use crate::io::gltf::written::{Column, Document};
 use crate::render::normals::ShadingNormals;
@@ -23,8 +23,10 @@ pub struct Content<'a> {
     pub map: Option<(&'a Placed, &'a [u8])>,
     /// Whether the file shows light that is in it already: materials of translucent parts are then not lit.
     pub is_lit: bool,
-    /// What the file says of itself.
+    /// What the file and each of its meshes say of themselves.
     pub extras: Option<&'a Value>,
+    /// What the file says of its functions of the vertices, once.
+    pub table: Option<&'a Value>,
 }
 
 /// Corners that share everything are one vertex.
@@ -123,9 +125,9 @@ pub fn document(scene: &Scene, name: &str, content: &Content<'_>) -> Result<Docu
     document.push("scenes", json!({ "nodes": [0] }));
     document.set("scene", 0.into());
     if let Some(extras) = content.extras {
-        tell(document.object("asset"), extras);
         tell(&mut document.list("meshes")[0], extras);
     }
+    tell_of_file(&mut document, content);
     Ok(document)
 }
 

@@ -34,7 +34,7 @@ pub enum Order {
 
 impl Order {
     /// Number of coefficients of a channel.
-    pub fn coefficients(self) -> usize {
+    pub const fn coefficients(self) -> usize {
         match self {
             Self::One => 4,
             Self::Two => 9,
@@ -114,7 +114,7 @@ impl Transfer {
 }
 
 /// Radiosity under light of one harmonic.
-fn of_harmonic(evaluator: &mut dyn Evaluator, k: usize, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+pub(super) fn of_harmonic(evaluator: &mut dyn Evaluator, k: usize, progress: &dyn Progress) -> Result<Vec<DVec3>> {
     let mut under = |light: Light| {
         evaluator.set_lights(vec![light], progress)?;
         evaluator.radiosity(progress)
@@ -130,11 +130,26 @@ fn of_harmonic(evaluator: &mut dyn Evaluator, k: usize, progress: &dyn Progress)
 
 /// The part of a harmonic that has a sign, as light.
 fn part(k: usize, sign: f64) -> Result<Light> {
+    sky(|at| sign * at[k])
+}
+
+/// Coefficients of a sky that nine harmonics hold: from above, a little from the sides, nowhere dark.
+pub const SMOOTH_SKY: [f64; 9] = [3.6, 1.0, -0.4, 0.6, 0.2, 0.0, -0.1, 0.15, -0.25];
+
+/// The light of [`SMOOTH_SKY`].
+///
+/// # Errors
+/// As [`Light::environment`].
+pub fn smooth_sky() -> Result<Light> {
+    sky(|at| at.iter().zip(SMOOTH_SKY).map(|(y, c)| y * c).sum())
+}
+
+/// Light from all around whose radiance follows from the harmonics of the direction, 0 where it would be negative.
+fn sky(radiance: impl Fn([f64; 9]) -> f64) -> Result<Light> {
     let [width, height] = SIZE;
     let at = |i: usize| {
         let (x, y) = ((i % width) as f64, (i / width) as f64);
-        let value = sign * basis(direction_of((x + 0.5) / width as f64, (y + 0.5) / height as f64))[k];
-        [value.max(0.0) as f32; 3]
+        [radiance(basis(direction_of((x + 0.5) / width as f64, (y + 0.5) / height as f64))).max(0.0) as f32; 3]
     };
     let map = EnvironmentMap::new(width, height, (0..width * height).map(at).collect())?;
     Light::environment(Arc::new(map), 0.0, DVec3::ONE)

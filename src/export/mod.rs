@@ -1,10 +1,12 @@
-//! Transport handed on to engines as glTF: radiosity as colours of vertices or as a light map, transfer as spherical harmonics.
-//! Beside them a page for browsers ([`page`]).
+//! Transport handed on to engines as glTF: radiosity as colours of vertices or as a light map, transfer as spherical harmonics,
+//! or as functions that serve edits of the material too. Beside them a page for browsers ([`page`]).
 //!
 //! A document is either made of the asset's mesh ([`fresh`]), or a file that is there, to which attributes are added ([`onto`]).
 
+pub mod basis;
 pub mod colours;
 pub mod fresh;
+mod functions;
 pub mod harmonics;
 pub mod lightmap;
 pub mod onto;
@@ -134,6 +136,17 @@ fn tell(object: &mut Value, what: &Value) {
         object["extras"] = Value::Object(Map::new());
     }
     object["extras"]["translux"] = what.clone();
+}
+
+/// Adds what the program says of a file to the file: `content.extras`, and the table that is there once.
+fn tell_of_file(document: &mut Document, content: &fresh::Content<'_>) {
+    let asset = document.object("asset");
+    if let Some(extras) = content.extras {
+        tell(asset, extras);
+    }
+    if let Some(table) = content.table {
+        asset["extras"]["translux"]["basis"] = table.clone();
+    }
 }
 
 #[cfg(test)]

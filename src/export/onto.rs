@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 use super::fresh::{Content, downwards};
 use super::lightmap::Placed;
-use super::{attach, tell, translucent_vertices};
+use super::{attach, tell, tell_of_file, translucent_vertices};
 use crate::error::{Error, Result};
 use crate::io::gltf::written::{Column, Document};
 use crate::io::gltf::{PlacedMesh, PlacedPrimitive};
@@ -59,9 +59,7 @@ pub fn add(mut document: Document, placed: &[PlacedMesh], scene: &Scene, content
             }
         }
     }
-    if let Some(extras) = content.extras {
-        tell(document.object("asset"), extras);
-    }
+    tell_of_file(&mut document, content);
     Ok(document)
 }
 

@@ -15,13 +15,13 @@ use base64::engine::general_purpose::STANDARD;
 use glam::DVec3;
 use serde_json::{Value, json};
 
+use super::functions::{LeadingFunctions, product};
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::light::Light;
 use crate::light::quantised::directions::DirectionSet;
 use crate::light::quantised::interpolation::{Interpolator, Scheme};
 use crate::math::cholesky::Cholesky;
-use crate::math::leading::leading_eigen;
 use crate::parallel::*;
 use crate::progress::{Progress, Silent};
 use crate::render::normals::ShadingNormals;
@@ -178,37 +178,17 @@ impl Turned {
 
 /// The leading functions of columns of radiosity, three for each direction, as codes of every vertex.
 fn functions(columns: &[Vec<f32>], areas: &[f64]) -> Result<(usize, Vec<i8>)> {
-    let count = columns.len();
-    let product = |a: &[f32], b: &[f32]| -> f64 {
-        let pairs = a.iter().zip(b).zip(areas);
-        pairs.map(|((a, b), area)| f64::from(*a) * f64::from(*b) * area).sum()
-    };
-    let squares: Vec<f64> = columns.par_iter().map(|column| product(column, column)).collect();
+    let squares: Vec<f64> = columns.par_iter().map(|column| product(column, column, areas)).collect();
     let brightest = squares.iter().fold(0.0_f64, |most, square| most.max(*square)).sqrt();
     if brightest <= 0.0 {
         return Ok((0, Vec::new()));
     }
     // Errors are relative to what the channel has under the light.
     let scales: Vec<f64> = squares.iter().map(|square| square.sqrt().max(DARK * brightest).recip()).collect();
-    let mut gram = vec![0.0; count * count];
-    gram.par_chunks_mut(count).enumerate().for_each(|(i, row)| {
-        let others = columns[..=i].iter().zip(&scales);
-        row.iter_mut()
-            .zip(others)
-            .for_each(|(out, (other, scale))| *out = product(&columns[i], other) * scale * scales[i]);
-    });
-    let trace: f64 = (0..count).map(|i| gram[i * count + i]).sum();
-    let vectors = leading_eigen(&gram, count, MOST_FUNCTIONS, LEFT_OUT * trace)?.pairs.vectors;
-    let function = |vector: &Vec<f64>| -> Vec<i8> {
-        let mut sums = vec![0.0_f64; areas.len()];
-        for ((column, share), scale) in columns.iter().zip(vector).zip(&scales) {
-            let factor = share * scale;
-            sums.iter_mut().zip(column).for_each(|(sum, value)| *sum += factor * f64::from(*value));
-        }
-        let most = sums.iter().fold(0.0_f64, |most, sum| most.max(sum.abs())).max(f64::MIN_POSITIVE);
-        sums.iter().map(|sum| (sum / most * MOST_CODE).round() as i8).collect()
-    };
-    let functions: Vec<Vec<i8>> = vectors.par_iter().map(function).collect();
+    let leading = LeadingFunctions::new(columns, &scales, areas, (MOST_FUNCTIONS, LEFT_OUT))?;
+    let codes =
+        |function: &Vec<f64>| -> Vec<i8> { function.iter().map(|value| (value * MOST_CODE).round() as i8).collect() };
+    let functions: Vec<Vec<i8>> = leading.functions.iter().map(codes).collect();
     let codes = (0..areas.len()).flat_map(|v| functions.iter().map(move |of| of[v])).collect();
     Ok((functions.len(), codes))
 }

@@ -171,7 +171,7 @@ impl<'a> Choice<'a> {
     }
 
     /// Expected RMS and dark error.
-    fn expected(&self, candidate: &Candidate, sampling: &mut Sampling) -> Result<(f64, f64)> {
+    pub(super) fn expected(&self, candidate: &Candidate, sampling: &mut Sampling) -> Result<(f64, f64)> {
         let of_samples =
             candidate.forecast.erring_samples().map(|samples| sampling.error(samples)).transpose()?.unwrap_or_default();
         let learnt = self.learnt[candidate.family];

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use glam::DVec3;
 use serde::Serialize;
 
+use super::export::LightmapReport;
 use super::trust::TrustReport;
 use crate::compress::ledger::Ledger;
 use crate::evaluate::Cost;
@@ -70,6 +71,9 @@ pub(crate) struct EvaluationReport {
     /// The map of where the asset is wrong; left out where it was not asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) trust: Option<TrustReport>,
+    /// The texture that radiosity was written to; left out where there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) texture: Option<LightmapReport>,
 }
 
 /// Report of an asset's object on another mesh.

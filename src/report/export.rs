@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 
 use super::text::{megabytes, percent, significant};
 use crate::evaluate::Cost;
+use crate::export::basis::EditError;
 use crate::export::harmonics::Flattening;
 use crate::import::file::Input;
 use crate::render::frame::ExitanceAt;
@@ -16,7 +17,7 @@ use crate::render::frame::ExitanceAt;
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(crate) struct ExportReport {
     pub(crate) method: String,
-    /// What was written: `vertex-colors`, `lightmap`, `sh1`, `sh2` or `page`.
+    /// What was written: `vertex-colors`, `lightmap`, `sh1`, `sh2`, `basis` or `page`.
     #[serde(rename = "as")]
     pub(crate) kind: String,
     /// Media of the asset.
@@ -45,10 +46,51 @@ pub(crate) struct ExportReport {
     /// Error of harmonics against the asset under the lights.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) flattening: Option<Flattening>,
+    /// What serves edits of the material, where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) basis: Option<BasisReport>,
     /// The page, where there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) page: Option<PageReport>,
     pub(crate) cost: Cost,
+}
+
+/// Functions of the vertices that serve edits of the material.
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub(crate) struct BasisReport {
+    /// Functions over the vertices, four bytes each at every vertex.
+    pub(crate) functions: usize,
+    /// Factors of the absorption, and of the size, at which transfer was computed, ascending.
+    pub(crate) absorption: Vec<f64>,
+    pub(crate) size: Vec<f64>,
+    /// How far edits between these are from the asset in their materials.
+    pub(crate) errors: Vec<EditError>,
+}
+
+impl BasisReport {
+    fn lines(&self) -> Vec<String> {
+        let within = |of: &[f64]| match of {
+            [first, .., last] => format!("x {} to x {}", significant(*first), significant(*last)),
+            _ => "as it is".to_owned(),
+        };
+        let worst = self.errors.iter().max_by(|a, b| a.rms.total_cmp(&b.rms)).map(|of| {
+            format!(
+                "; edits between those that were computed are at most {} RMS from the asset (absorption x {}, size x {}; {} worst vertex)",
+                percent(of.rms),
+                significant(of.absorption),
+                significant(of.size),
+                percent(of.worst)
+            )
+        });
+        vec![format!(
+            "EDITS {} functions of the vertices; absorption {}, size {}{}",
+            self.functions,
+            within(&self.absorption),
+            within(&self.size),
+            worst.unwrap_or_default()
+        )]
+    }
 }
 
 /// A page with a light that turns.
@@ -128,6 +170,31 @@ pub(crate) struct LightmapReport {
     pub(crate) exitance: ExitanceAt,
 }
 
+impl LightmapReport {
+    /// What it lies on and shows, in a line.
+    pub(crate) fn line(&self) -> String {
+        let on = if self.own_coordinates { "its own texture coordinates" } else { "new texture coordinates" };
+        let at = match self.exitance {
+            ExitanceAt::Vertices => "interpolated between the vertices, where the transport in this asset ends",
+            ExitanceAt::Pixels => "evaluated at each texel",
+        };
+        let (side, charts, coverage) = (self.resolution, self.charts, percent(self.coverage));
+        format!("LIGHT MAP {side} x {side} on {on}, {charts} charts, {coverage} covered; {at}")
+    }
+}
+
+/// What the header of an OpenEXR file says of the radiosity in it.
+pub(crate) fn radiosity_attributes(method: &str, materials: &[String], lights: &[String]) -> Vec<(String, String)> {
+    let all = [
+        ("software", format!("translux {}", env!("CARGO_PKG_VERSION"))),
+        ("method", method.to_owned()),
+        ("materials", materials.join("; ")),
+        ("lights", lights.join("; ")),
+        ("units", "radiosity: linear sRGB, in the unit of the irradiance of the lights".to_owned()),
+    ];
+    all.map(|(name, value)| (name.to_owned(), value)).into()
+}
+
 impl ExportReport {
     /// What a file says of itself in its extras, for shaders and for people.
     pub(crate) fn extras(&self) -> Value {
@@ -144,21 +211,18 @@ impl ExportReport {
         if self.flattening.is_some() {
             extras["harmonics"] =
                 "real, orthonormal, +Y up, all signs positive: 1, y, z, x, xy, yz, 3zz-1, xz, xx-yy".into();
-            extras["radiosity"] = "max(0, sum of transfer times the coefficients of the light's radiance)".into();
+            extras["radiosity"] = match self.basis {
+                Some(_) => "max(0, sum of functions times weights, which follow from asset.extras.translux.basis, edit and light)",
+                None => "max(0, sum of transfer times the coefficients of the light's radiance)",
+            }
+            .into();
         }
         extras
     }
 
     /// The same in the header of an OpenEXR file.
     pub(crate) fn attributes(&self) -> Vec<(String, String)> {
-        let all = [
-            ("software", format!("translux {}", env!("CARGO_PKG_VERSION"))),
-            ("method", self.method.clone()),
-            ("materials", self.materials.join("; ")),
-            ("lights", self.lights.join("; ")),
-            ("units", "radiosity: linear sRGB, in the unit of the irradiance of the lights".to_owned()),
-        ];
-        all.map(|(name, value)| (name.to_owned(), value)).into()
+        radiosity_attributes(&self.method, &self.materials, &self.lights)
     }
 
     /// What is lost on the way, a line each.
@@ -167,15 +231,7 @@ impl ExportReport {
             let (factor, cut) = (significant(exposure.factor), percent(exposure.clamped_share));
             format!("EXPOSURE colours are radiosity x {factor}, at most 1: {cut} of the surface is cut there")
         });
-        let lightmap = self.lightmap.as_ref().map(|map| {
-            let on = if map.own_coordinates { "its own texture coordinates" } else { "new texture coordinates" };
-            let at = match map.exitance {
-                ExitanceAt::Vertices => "interpolated between the vertices, where the transport in this asset ends",
-                ExitanceAt::Pixels => "evaluated at each texel",
-            };
-            let (side, charts, coverage) = (map.resolution, map.charts, percent(map.coverage));
-            format!("LIGHT MAP {side} x {side} on {on}, {charts} charts, {coverage} covered; {at}")
-        });
+        let lightmap = self.lightmap.as_ref().map(LightmapReport::line);
         let flattening = self.flattening.as_ref().map(|of| {
             let [rms, worst, negative, uncut] = [of.error.rms, of.error.worst, of.negative_share, of.uncut.rms].map(percent);
             let under = self.lights.join(" + ");
@@ -192,6 +248,7 @@ impl ExportReport {
             .page
             .as_ref()
             .map(|page| page.lines().into_iter().chain([format!("FIRST VIEW render {}", page.render)]));
-        [exposure, lightmap, flattening].into_iter().flatten().chain(page.into_iter().flatten()).collect()
+        let basis = self.basis.iter().flat_map(BasisReport::lines);
+        [exposure, lightmap, flattening].into_iter().flatten().chain(basis).chain(page.into_iter().flatten()).collect()
     }
 }

@@ -198,9 +198,18 @@ fn harmonics(DVec3 { x, y, z }: DVec3) -> [f64; 9] {
     ]
 }
 
+/// Coefficients of the sky.
+fn smooth_light() -> [DVec3; 9] {
+    let mut light = [DVec3::ZERO; 9];
+    for (direction, solid_angle) in pixels() {
+        light.iter_mut().zip(harmonics(direction)).for_each(|(sum, y)| *sum += smooth(direction) * y * solid_angle);
+    }
+    light
+}
+
 /// A body without symmetry, with a dent that its neighbours shadow.
-fn body() -> SourceModel {
-    let mut model = shapes::icosphere(1.0, 3);
+fn body(level: u32) -> SourceModel {
+    let mut model = shapes::icosphere(1.0, level);
     for p in &mut model.positions {
         *p *= DVec3::new(6.0, 4.0, 3.0) * (1.0 - 0.5 * (-4.0 * p.distance_squared(DVec3::new(0.5, 0.7, 0.5))).exp());
     }
@@ -208,7 +217,7 @@ fn body() -> SourceModel {
 }
 
 fn baked(folder: &Folder) {
-    folder.obj("body.obj", &body()).write("sky.hdr", smooth_sky());
+    folder.obj("body.obj", &body(3)).write("sky.hdr", smooth_sky());
     folder.run("bake body.obj --unit mm --material marble --method two_pass --samples 1500 -o a.tlux -q").ok();
 }
 
@@ -254,10 +263,7 @@ fn vertices_have_what_evaluate_gives() {
     folder.run("evaluate a.tlux -q --light sky.hdr -o b.ply").ok();
     let lit = folder.radiosity("b.ply");
     let lit: Vec<DVec3> = order.iter().map(|v| lit[*v]).collect();
-    let mut light = [DVec3::ZERO; 9];
-    for (direction, solid_angle) in pixels() {
-        light.iter_mut().zip(harmonics(direction)).for_each(|(sum, y)| *sum += smooth(direction) * y * solid_angle);
-    }
+    let light = smooth_light();
     let sum = |transfer: &[Vec<DVec3>]| -> Vec<DVec3> {
         let of = |v: usize| transfer.iter().zip(&light).map(|(t, l)| t[v] * *l).sum::<DVec3>().max(DVec3::ZERO);
         (0..lit.len()).map(of).collect()
@@ -293,6 +299,134 @@ fn vertices_have_what_evaluate_gives() {
     }
 }
 
+/// Weights of the functions by the words of docs/export.md.
+fn weights(basis: &Value, light: &[DVec3; 9], absorption: DVec3, size: f64) -> Vec<DVec3> {
+    let numbers = |name: &str| -> Vec<f64> { serde_json::from_value(basis[name].clone()).unwrap() };
+    let along = |factors: &[f64], factor: f64| -> Vec<f64> {
+        let x = factor.clamp(factors[0], factors[factors.len() - 1]).ln();
+        let of = |a: &f64| -> f64 {
+            let others = factors.iter().filter(|b| *b != a);
+            others.map(|b| (x - b.ln()) / (a.ln() - b.ln())).product()
+        };
+        factors.iter().map(of).collect()
+    };
+    let of_size = along(&numbers("size"), size);
+    let of_absorption = absorption.to_array().map(|factor| along(&numbers("absorption"), factor));
+    let table = numbers("weights");
+    let mut table = table.iter();
+    let functions = basis["functions"].as_u64().unwrap();
+    let weight = |_| {
+        let mut sum = DVec3::ZERO;
+        for i in 0..of_absorption[0].len() {
+            for share in &of_size {
+                for (c, of_channel) in of_absorption.iter().enumerate() {
+                    let lit: f64 = light.iter().map(|l| table.next().unwrap() * l[c]).sum();
+                    sum[c] += of_channel[i] * share * lit;
+                }
+            }
+        }
+        sum
+    };
+    let weights = (0..functions).map(weight).collect();
+    assert!(table.next().is_none());
+    weights
+}
+
+/// What the script of docs/export.md makes of the same, where there is a program that runs it.
+fn weights_by_script(folder: &Folder, light: &[DVec3; 9], absorption: DVec3, size: f64) -> Option<Vec<DVec3>> {
+    let page = std::fs::read_to_string("docs/export.md").unwrap();
+    let mut blocks = page.split("```js\n").skip(1).map(|block| block.split("```").next().unwrap());
+    let script = blocks.find(|block| block.contains("function weights(")).unwrap();
+    let light: Vec<[f64; 3]> = light.iter().map(|l| l.to_array()).collect();
+    let arguments = json!([light, absorption.to_array(), size]);
+    let script = format!(
+        "{script}\nconst basis = JSON.parse(require('fs').readFileSync(process.argv[1]));\n\
+         console.log(JSON.stringify(weights(basis, ...{arguments})));"
+    );
+    let Ok(output) = Command::new("node").args(["-e", &script]).arg(folder.path("u.json")).output() else {
+        println!("SKIPPED: no node for the script of docs/export.md");
+        return None;
+    };
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let weights: Vec<[f64; 3]> = serde_json::from_slice(&output.stdout).unwrap();
+    Some(weights.into_iter().map(DVec3::from_array).collect())
+}
+
+/// Absorption and size change without the program, for two media at once, and are those of the asset in other materials.
+#[test]
+fn functions_serve_edits() {
+    let folder = Folder::new();
+    folder.obj("body.obj", &body(2)).write("sky.hdr", smooth_sky());
+    folder.run("bake body.obj --unit mm --material marble --method two_pass --samples 300 -o a.tlux -q").ok();
+    let report = folder.run("export a.tlux --as basis --light sky.hdr -o u.glb -o u.json --json").ok().json();
+    let glb = Glb::of(&folder, "u.glb");
+    let basis: Value = serde_json::from_slice(&folder.read("u.json")).unwrap();
+    assert_eq!(glb.json["asset"]["extras"]["translux"]["basis"], basis);
+    assert!(glb.json["meshes"][0]["extras"]["translux"].get("basis").is_none());
+    let primitive = &glb.json["meshes"][0]["primitives"][0];
+    let functions = report["basis"]["functions"].as_u64().unwrap() as usize;
+    assert!((8..=32).contains(&functions), "{functions}");
+    let fours: Vec<Vec<Vec<f64>>> = (0..functions.div_ceil(4))
+        .map(|k| glb.elements(primitive["attributes"][format!("_TLX_U{k}")].as_u64().unwrap() as usize))
+        .collect();
+    let told = report["basis"]["errors"].as_array().unwrap();
+    assert!(told.len() == 6 && told.iter().all(|of| of["rms"].as_f64().unwrap() < 0.02), "{told:?}");
+    let light = smooth_light();
+
+    let marble = [DVec3::new(2.19, 2.62, 3.00), DVec3::new(0.0021, 0.0041, 0.0071)];
+    let triple = |v: DVec3| v.to_array().map(|c| c.to_string()).join(",");
+    let positions = |name: &str| folder.positions(name);
+    folder.run("evaluate a.tlux --light sky.hdr -q -o b.ply").ok();
+    let bounds = |of: fn(DVec3, DVec3) -> DVec3| positions("b.ply").into_iter().reduce(of).unwrap();
+    let diagonal = bounds(DVec3::max).distance(bounds(DVec3::min));
+    for (absorption, size) in [
+        (DVec3::ONE, 1.0),
+        (DVec3::new(3.1, 1.0, 0.3), 1.0),
+        (DVec3::splat(2.0), 0.6),
+        (DVec3::new(0.4, 2.5, 1.3), 1.7),
+    ] {
+        let media = format!("--sigma-s {} --sigma-a {}", triple(marble[0]), triple(marble[1] * absorption));
+        // The same in a larger object.
+        let mm = diagonal * size;
+        folder.run(&format!("evaluate a.tlux {media} --light sky.hdr -q -o b.ply --size-mm {mm}")).ok();
+        let (expected, at) = (folder.radiosity("b.ply"), positions("b.ply"));
+        let w = weights(&basis, &light, absorption, size);
+        if let Some(of_script) = weights_by_script(&folder, &light, absorption, size) {
+            assert!(rms(&of_script, &w) < 1e-9);
+        }
+        let found = glb.attribute(primitive, "POSITION");
+        let origin = DVec3::from_array(serde_json::from_value(glb.json["nodes"][0]["translation"].clone()).unwrap());
+        let largest = |of: &mut dyn Iterator<Item = f64>| of.fold(0.0, f64::max);
+        let scale =
+            largest(&mut at.iter().map(|p| p.length())) / largest(&mut found.iter().map(|p| (*p + origin).length()));
+        let order: Vec<usize> =
+            found.iter().map(|p| at.iter().position(|q| (*p + origin).distance(*q / scale) < 1e-6).unwrap()).collect();
+        let expected: Vec<DVec3> = order.iter().map(|v| expected[*v]).collect();
+        let radiosity = |v: usize| -> DVec3 {
+            let u = fours.iter().flat_map(|four| &four[v]);
+            u.zip(&w).map(|(u, w)| *u * *w).sum::<DVec3>().max(DVec3::ZERO)
+        };
+        let error = rms(&(0..expected.len()).map(radiosity).collect::<Vec<DVec3>>(), &expected);
+        println!("{absorption} {size}: {error:.4}");
+        assert!(error < 0.02, "{absorption} {size}: {error}");
+    }
+
+    folder.run("export a.tlux --as basis --size-range 1 --absorption-range 2 --light sky.hdr -o v.json -q").ok();
+    let narrow: Value = serde_json::from_slice(&folder.read("v.json")).unwrap();
+    assert_eq!(narrow["size"], json!([1.0]));
+    let ends: Vec<f64> = serde_json::from_value(narrow["absorption"].clone()).unwrap();
+    assert!((ends[0] - 0.5).abs() < 1e-12 && (ends[ends.len() - 1] - 2.0).abs() < 1e-12);
+
+    let ask = |line: &str| folder.run(&format!("export {line}"));
+    ask("a.tlux --as sh2 --size-range 2 -o x.glb").fails(1, &["--size-range", "basis"]);
+    ask("a.tlux --as basis --absorption-range 0.5 -o x.glb").fails(1, &["--absorption-range", "1 to 16"]);
+    ask("a.tlux --as basis --engine godot -o x.glb").fails(5, &["sh1"]);
+    ask("a.tlux --as basis --light point:at=0,9,9:intensity=5 -o x.glb").fails(5, &["far away"]);
+    folder.run("bake body.obj --unit mm --material marble --method quantized_lights --set lights=32 -o q.tlux -q").ok();
+    ask("q.tlux --as basis -o x.glb").fails(5, &["baked into", "--edit any"]);
+    assert!(!folder.names().contains(&"x.glb".to_owned()));
+}
+
 /// A cube of twelve triangles: charts are cut, texels have what the surface has, and the vertices of corners are shared by none.
 #[test]
 fn light_maps_show_the_surface() {
@@ -321,6 +455,19 @@ fn light_maps_show_the_surface() {
         // No texel is left for filters to find dark.
         assert!(texel(0, i) > 0.0);
     }
+    // `evaluate` writes the same texels, alone or beside the vertices.
+    let line = format!("evaluate a.tlux {LIGHT} --texture 64 -o t.exr -o t.ply --json");
+    let told = folder.run(&line).ok().json();
+    assert_eq!(told["texture"], *map);
+    let again = decode_planes(&folder.read("t.exr")).unwrap();
+    for (c, name) in ["R", "G", "B"].into_iter().enumerate() {
+        assert_eq!(again.iter().find(|plane| plane.name == name).unwrap().samples, *planes[c]);
+    }
+    folder.run(&format!("evaluate a.tlux {LIGHT} -o v.ply -q")).ok();
+    assert_eq!(folder.read("t.ply"), folder.read("v.ply"));
+    folder.run("evaluate a.tlux --texture 64 -o t.ply").fails(1, &["--texture", ".exr"]);
+    folder.run("evaluate a.tlux --texture 9 -o t.exr").fails(1, &["16 to 8192"]);
+    folder.run("evaluate a.tlux --on cube.obj -o t.exr").fails(1, &[".ply"]);
     // Centres of the faces by bilinear look-up against the asset, asked there by another mesh that has a vertex in each.
     let mut middles = shapes::cuboid(DVec3::splat(5.0), 2);
     middles.materials = vec!["default".to_owned()];
