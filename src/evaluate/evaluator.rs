@@ -68,6 +68,10 @@ pub trait Evaluator: Send {
     /// coarser, by far less than the error that was asked for.
     fn prepare_for_edits(&mut self, _progress: &dyn Progress) {}
 
+    /// Keeps, of so many lights that were set last, what does not depend on the media: where the same lights come in turn in one material after
+    /// the other, rays towards each are cast once. The radiosity stays what it is.
+    fn remember_lights(&mut self, _count: usize) {}
+
     /// Lets new media answer at once, by what is known of them without long work; [`Self::refine`] brings the rest.
     fn answer_at_once(&mut self) {}
 

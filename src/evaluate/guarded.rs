@@ -118,6 +118,10 @@ impl Evaluator for Guarded {
         self.inner.prepare_for_edits(progress);
     }
 
+    fn remember_lights(&mut self, count: usize) {
+        self.inner.remember_lights(count);
+    }
+
     fn answer_at_once(&mut self) {
         self.inner.answer_at_once();
     }

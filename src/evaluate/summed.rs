@@ -126,6 +126,10 @@ impl Evaluator for Summed {
         self.evaluator.prepare_for_edits(progress);
     }
 
+    fn remember_lights(&mut self, count: usize) {
+        self.evaluator.remember_lights(count);
+    }
+
     fn set_eye(&mut self, at_mm: DVec3) -> bool {
         let follows = self.evaluator.single_scattering_is() == SingleScattering::TowardsEye;
         self.eye_mm = Some(at_mm).filter(|_| follows);

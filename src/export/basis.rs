@@ -19,10 +19,11 @@ use serde_json::{Value, json};
 
 use super::VertexData;
 use super::functions::{LeadingFunctions, product};
-use super::harmonics::{SMOOTH_SKY, of_harmonic, smooth_sky};
+use super::harmonics::{SMOOTH_SKY, lights_of, smooth_sky};
 use crate::error::{Error, Result};
 use crate::evaluate::{Evaluator, MaterialEdit};
 use crate::io::gltf::written::Column;
+use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::medium::material::Medium;
 use crate::progress::{Progress, Silent};
@@ -96,24 +97,33 @@ impl Basis {
         }
         let points = [points(most[0], POINTS[0]), points(most[1], POINTS[1])];
         let media = evaluator.scene().media.clone();
+        let lights: Vec<Vec<(Light, f64)>> = (0..HARMONICS).map(lights_of).collect::<Result<_>>()?;
+        let lights: Vec<(usize, &Light, f64)> = lights
+            .iter()
+            .enumerate()
+            .flat_map(|(l, of)| of.iter().map(move |(light, sign)| (l, light, *sign)))
+            .collect();
         let edits = points[0].len() * points[1].len();
-        progress.start("light in other materials", (edits * HARMONICS) as u64);
-        let mut columns: Vec<Vec<f32>> = vec![Vec::new(); 3 * HARMONICS * edits];
+        progress.start("light in other materials", (edits * lights.len()) as u64);
+        evaluator.remember_lights(lights.len());
+        let mut columns: Vec<Vec<f32>> = vec![vec![0.0; evaluator.scene().mesh.local_mm.len()]; 3 * HARMONICS * edits];
         // Walks are reused where the absorption alone changes.
         for (j, &size) in points[1].iter().enumerate() {
             for (i, &absorption) in points[0].iter().enumerate() {
                 let edit = Edit { absorption: DVec3::splat(absorption), size };
                 evaluator.set_media(media.iter().map(|medium| edit.of(medium)).collect::<Result<_>>()?)?;
-                for l in 0..HARMONICS {
-                    let radiosity = of_harmonic(evaluator, l, &Silent)?;
+                for &(l, light, sign) in &lights {
+                    evaluator.set_lights(vec![light.clone()], &Silent)?;
+                    let radiosity = evaluator.radiosity(&Silent)?;
                     for c in 0..3 {
-                        columns[((i * points[1].len() + j) * 3 + c) * HARMONICS + l] =
-                            radiosity.iter().map(|b| b[c] as f32).collect();
+                        let column = &mut columns[((i * points[1].len() + j) * 3 + c) * HARMONICS + l];
+                        column.iter_mut().zip(&radiosity).for_each(|(sum, b)| *sum += (sign * b[c]) as f32);
                     }
                     progress.advance(1);
                 }
             }
         }
+        evaluator.remember_lights(1);
         progress.finish();
         evaluator.set_media(media)?;
         if columns.iter().flatten().any(|value| !value.is_finite()) {

@@ -114,18 +114,23 @@ impl Transfer {
 }
 
 /// Radiosity under light of one harmonic.
-pub(super) fn of_harmonic(evaluator: &mut dyn Evaluator, k: usize, progress: &dyn Progress) -> Result<Vec<DVec3>> {
-    let mut under = |light: Light| {
+fn of_harmonic(evaluator: &mut dyn Evaluator, k: usize, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+    let mut sum = Vec::new();
+    for (light, sign) in lights_of(k)? {
         evaluator.set_lights(vec![light], progress)?;
-        evaluator.radiosity(progress)
-    };
-    if k == 0 {
-        return under(Light::constant(DVec3::splat(basis(DVec3::Y)[0]))?);
+        let radiosity = evaluator.radiosity(progress)?;
+        sum.resize(radiosity.len(), DVec3::ZERO);
+        sum.iter_mut().zip(radiosity).for_each(|(sum, b)| *sum += sign * b);
     }
-    let mut positive = under(part(k, 1.0)?)?;
-    let negative = under(part(k, -1.0)?)?;
-    positive.iter_mut().zip(negative).for_each(|(value, other)| *value -= other);
-    Ok(positive)
+    Ok(sum)
+}
+
+/// Lights whose sum, with these signs, has the radiance of a harmonic.
+pub(super) fn lights_of(k: usize) -> Result<Vec<(Light, f64)>> {
+    match k {
+        0 => Ok(vec![(Light::constant(DVec3::splat(basis(DVec3::Y)[0]))?, 1.0)]),
+        _ => Ok(vec![(part(k, 1.0)?, 1.0), (part(k, -1.0)?, -1.0)]),
+    }
 }
 
 /// The part of a harmonic that has a sign, as light.

@@ -1,5 +1,8 @@
 //! Many edits under few lights: what is prepared for them changes next to nothing, in any order.
 
+use translux::evaluate::Model;
+use translux::transport::calibration::Walks;
+
 use super::*;
 
 /// RMS of what preparing may cost, relative.
@@ -40,6 +43,63 @@ fn prepared_edits_are_those_of_a_fresh_evaluator() {
                 evaluator.set_media(pair.map(medium).to_vec()).unwrap();
             }
             check(pair[0], [&mut plain, &mut before, &mut after]);
+        }
+    }
+}
+
+/// What evaluators keep of lights through edits, one by themselves and as many as they are told, leaves no trace.
+#[test]
+fn lights_that_are_remembered_leave_no_trace() {
+    let scene = Shared::Group.scene();
+    let lights = every_light_but(LightKind::Spot, &scene);
+    let sky = lights.iter().position(|light| light.kind() == LightKind::Environment).unwrap();
+    // More than are remembered, the first again, and two at once.
+    let turns: [Vec<Light>; 5] = [
+        vec![lights[sky].clone()],
+        vec![lights[0].clone()],
+        vec![lights[1].clone(), lights[sky].clone()],
+        vec![lights[sky].clone()],
+        vec![lights[3].clone()],
+    ];
+    // The last has another index of refraction.
+    let media = [["marble", "skin1"], ["skin1", "ketchup"], ["cream", "marble"]];
+    for model in [Model::Dipole, Model::Calibrated(Walks { photons: 1024, ..Walks::default() })] {
+        let settings = BakeSettings {
+            model,
+            probes: in_memory::probes(&scene.mesh),
+            samples: Some(600),
+            ..BakeSettings::new(0.05)
+        };
+        let recipe = in_memory::method("editable").recipe(&[], settings).unwrap();
+        let asset = Arc::new(recipe.bake(scene.clone(), Provenance::default(), &Silent).unwrap());
+        let fresh: Vec<Vec<Vec<DVec3>>> = media
+            .iter()
+            .map(|media| {
+                let mut evaluator = in_memory::opened(Arc::clone(&asset));
+                evaluator.set_media(media.map(medium).to_vec()).unwrap();
+                turns.iter().map(|lights| lit(evaluator.as_mut(), lights.clone())).collect()
+            })
+            .collect();
+        let mut evaluator = in_memory::opened(asset);
+        // The lights first, then the media.
+        for (turn, lights) in turns.iter().enumerate() {
+            evaluator.set_lights(lights.clone(), &Silent).unwrap();
+            for (edit, media) in media.iter().enumerate() {
+                evaluator.set_media(media.map(medium).to_vec()).unwrap();
+                assert!(
+                    evaluator.radiosity(&Silent).unwrap() == fresh[edit][turn],
+                    "{model:?}: light {turn}, media {edit}"
+                );
+            }
+        }
+        // Media of one index first, then the lights.
+        evaluator.remember_lights(2);
+        for edit in [0, 1, 0, 2] {
+            evaluator.set_media(media[edit].map(medium).to_vec()).unwrap();
+            for (turn, lights) in turns.iter().enumerate() {
+                let found = lit(evaluator.as_mut(), lights.clone());
+                assert!(found == fresh[edit][turn], "{model:?}: remembered, media {edit}, light {turn}");
+            }
         }
     }
 }

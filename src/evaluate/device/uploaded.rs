@@ -78,6 +78,10 @@ impl Evaluator for Uploaded {
         self.evaluator.prepare_for_edits(progress);
     }
 
+    fn remember_lights(&mut self, count: usize) {
+        self.evaluator.remember_lights(count);
+    }
+
     fn answer_at_once(&mut self) {
         self.evaluator.answer_at_once();
     }

@@ -130,6 +130,9 @@ impl Evaluator for GatheredEvaluator {
     fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
         self.lights = lights;
         (self.irradiance, self.returned) = (None, None);
+        if self.remembered_lights == 1 {
+            self.unmoved.clear();
+        }
         self.forget_limits();
         self.light_up(progress)
     }
@@ -142,6 +145,7 @@ impl Evaluator for GatheredEvaluator {
         let eta = |m: &Medium| m.properties.eta_inside_over_outside;
         if media.iter().zip(&self.scene.media).any(|(a, b)| eta(a) != eta(b)) {
             (self.irradiance, self.matrix) = (None, None);
+            self.unmoved.clear();
         }
         // Names may change without work.
         if media.iter().zip(&self.scene.media).any(|(a, b)| a.properties != b.properties) {
@@ -174,6 +178,11 @@ impl Evaluator for GatheredEvaluator {
         self.forget_limits();
         self.nets.iter_mut().for_each(Nets::forget_media);
         Ok(())
+    }
+
+    fn remember_lights(&mut self, count: usize) {
+        self.remembered_lights = count.max(1);
+        self.unmoved.clear();
     }
 
     fn answer_at_once(&mut self) {

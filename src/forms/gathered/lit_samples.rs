@@ -39,6 +39,12 @@ const FAR_APART: f64 = 4.0 / 3.0;
 /// No pieces, in force before there are lights.
 static NO_PIECES: Pieces = Pieces::NONE;
 
+/// Irradiance of the samples under some lights, and of the pieces of those that are lit unevenly.
+pub(super) struct Unmoved {
+    of: Vec<Light>,
+    irradiance: (Vec<DVec3>, Pieces),
+}
+
 /// Samples, lights and media, with the state that depends on them.
 pub struct GatheredEvaluator {
     pub(super) asset: Arc<Asset>,
@@ -51,6 +57,11 @@ pub struct GatheredEvaluator {
     pub(super) areas: Vec<f64>,
     pub(super) lights: Vec<Light>,
     pub(super) irradiance: Option<(Vec<DVec3>, Pieces)>,
+    /// What the lights that were set last send before calibrated kernels move it: the same in all media of the same indices of refraction, so
+    /// that edits cast no rays towards skies again.
+    pub(super) unmoved: Vec<Unmoved>,
+    /// The number of lights of which that is kept.
+    pub(super) remembered_lights: usize,
     /// Limit of the criterion of the hierarchy, tuned at the receivers.
     pub(super) limit: Option<f64>,
     /// The same for points anywhere.
@@ -91,6 +102,8 @@ impl GatheredEvaluator {
             areas,
             lights: Vec::new(),
             irradiance: None,
+            unmoved: Vec::new(),
+            remembered_lights: 1,
             limit: None,
             limit_at_points: None,
             single: None,
@@ -146,7 +159,7 @@ impl GatheredEvaluator {
     /// The same before there are lights.
     fn unlit(mut self) -> Self {
         self.forget_limits();
-        Self { lights: Vec::new(), irradiance: None, returned: None, ..self }
+        Self { lights: Vec::new(), irradiance: None, unmoved: Vec::new(), returned: None, ..self }
     }
 
     /// The same of another asset of the same scene and samples, before there are lights.
@@ -252,7 +265,9 @@ impl GatheredEvaluator {
             }
         }
         if self.irradiance.is_none() {
-            self.irradiance = Some(self.illuminate(&self.lights, progress)?);
+            let mut unmoved = std::mem::take(&mut self.unmoved);
+            self.irradiance = Some(self.illuminate_beside(&self.lights, &mut unmoved, progress)?);
+            self.unmoved = unmoved;
         }
         Ok(())
     }
@@ -327,12 +342,34 @@ impl GatheredEvaluator {
 
     /// Irradiance through the stored rows where they hold a light, else by rays.
     pub(super) fn illuminate(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
+        self.illuminate_beside(lights, &mut Vec::new(), progress)
+    }
+
+    /// [`Self::illuminate`], for which what does not depend on the media is taken from there, or put there.
+    fn illuminate_beside(
+        &self,
+        lights: &[Light],
+        unmoved: &mut Vec<Unmoved>,
+        progress: &dyn Progress,
+    ) -> Result<(Vec<DVec3>, Pieces)> {
         let (surface, sampling) = (self.surface(), self.gathering.sampling);
         let of_rows =
             |lights: &[Light]| StoredRows::illuminate(self.rows.as_ref(), &surface, (lights, sampling), progress);
-        let Some(in_force) = self.model.as_ref().and_then(Model::in_force) else { return of_rows(lights) };
+        let mut known_or_new = |lights: &[Light]| {
+            if let Some(known) = unmoved.iter().find(|known| known.of == lights) {
+                return Ok(known.irradiance.clone());
+            }
+            let irradiance = of_rows(lights)?;
+            unmoved.drain(..(unmoved.len() + 1).saturating_sub(self.remembered_lights));
+            unmoved.push(Unmoved { of: lights.to_vec(), irradiance: irradiance.clone() });
+            Ok(irradiance)
+        };
+        let Some(in_force) = self.model.as_ref().and_then(Model::in_force) else {
+            // Where nothing moves, what is in force outlives edits anyway.
+            return if self.remembered_lights > 1 { known_or_new(lights) } else { of_rows(lights) };
+        };
         let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-        in_force.entry.entered(&surface, lights, (&etas, sampling), of_rows, progress)
+        in_force.entry.entered(&surface, lights, (&etas, sampling), known_or_new, progress)
     }
 
     pub(super) fn is_stored(&self, light: &Light) -> bool {

@@ -121,6 +121,10 @@ impl Evaluator for GatheredOnDevice {
         self.cpu.set_lights(lights, progress)
     }
 
+    fn remember_lights(&mut self, count: usize) {
+        self.cpu.remember_lights(count);
+    }
+
     fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
         self.cpu.set_media(media)?;
         self.other_kernels();
