@@ -127,7 +127,7 @@ pub fn document(scene: &Scene, name: &str, content: &Content<'_>) -> Result<Docu
     if let Some(extras) = content.extras {
         tell(&mut document.list("meshes")[0], extras);
     }
-    tell_of_file(&mut document, content);
+    tell_of_file(&mut document, content.extras, content.table);
     Ok(document)
 }
 

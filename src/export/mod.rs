@@ -138,13 +138,13 @@ fn tell(object: &mut Value, what: &Value) {
     object["extras"]["translux"] = what.clone();
 }
 
-/// Adds what the program says of a file to the file: `content.extras`, and the table that is there once.
-fn tell_of_file(document: &mut Document, content: &fresh::Content<'_>) {
+/// Adds what the program says of a file to the file: the same as of its meshes, and the table of functions of the vertices, where there are any.
+fn tell_of_file(document: &mut Document, extras: Option<&Value>, table: Option<&Value>) {
     let asset = document.object("asset");
-    if let Some(extras) = content.extras {
+    if let Some(extras) = extras {
         tell(asset, extras);
     }
-    if let Some(table) = content.table {
+    if let Some(table) = table {
         asset["extras"]["translux"]["basis"] = table.clone();
     }
 }

@@ -59,7 +59,7 @@ pub fn add(mut document: Document, placed: &[PlacedMesh], scene: &Scene, content
             }
         }
     }
-    tell_of_file(&mut document, content);
+    tell_of_file(&mut document, content.extras, content.table);
     Ok(document)
 }
 
