@@ -281,8 +281,8 @@ impl ExportArgs {
         coefficients: &[DVec3; 9],
         console: &Console,
     ) -> Result<Exported> {
-        let vertices = evaluator.scene().mesh.local_mm.len();
-        console.check_memory(Basis::memory(vertices), "raise --max-memory")?;
+        let (vertices, samples) = (evaluator.scene().mesh.local_mm.len(), evaluator.cost().samples);
+        console.check_memory(Basis::memory(vertices, samples), "raise --max-memory")?;
         let basis = Basis::new(evaluator, self.most(), console)?;
         let errors = basis.errors(evaluator, self.most(), console)?;
         evaluator.set_lights(lights.lights.clone(), console)?;

@@ -43,6 +43,9 @@ const MOST_FUNCTIONS: usize = 32;
 /// Part of the squares that functions may leave out, relative to radiosity under light from everywhere: 0.5 % RMS.
 const LEFT_OUT: f64 = 0.005 * 0.005;
 
+/// Bytes of a sample that evaluators keep, at most: irradiance under two lights for each harmonic, and the kernels of a few materials.
+const OF_A_SAMPLE: u64 = 2 * HARMONICS as u64 * 24 + 4 * 400;
+
 /// A change of material and size, as factors of what the asset has.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Edit {
@@ -78,10 +81,11 @@ pub struct Basis {
 }
 
 impl Basis {
-    /// Bytes of memory for a number of vertices.
-    pub fn memory(vertices: usize) -> u64 {
+    /// Bytes of memory for a number of vertices, and of samples of the evaluator.
+    pub fn memory(vertices: usize, samples: usize) -> u64 {
         let columns = 3 * HARMONICS * POINTS[0] * POINTS[1];
-        (vertices as u64).saturating_mul((4 * columns + 8 * MOST_FUNCTIONS * 2) as u64)
+        let of_vertices = (vertices as u64).saturating_mul((4 * columns + 8 * MOST_FUNCTIONS * 2) as u64);
+        of_vertices.saturating_add((samples as u64).saturating_mul(OF_A_SAMPLE))
     }
 
     /// Lights an evaluator with each harmonic, in the materials of each point; `most` are the largest factors of absorption and size, whose
