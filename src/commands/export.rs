@@ -282,7 +282,8 @@ impl ExportArgs {
         console: &Console,
     ) -> Result<Exported> {
         let (vertices, samples) = (evaluator.scene().mesh.local_mm.len(), evaluator.cost().samples);
-        console.check_memory(Basis::memory(vertices, samples), "raise --max-memory")?;
+        let media = evaluator.scene().media.len();
+        console.check_memory(Basis::memory(vertices, samples, media), "raise --max-memory")?;
         let basis = Basis::new(evaluator, self.most(), console)?;
         let errors = basis.errors(evaluator, self.most(), console)?;
         evaluator.set_lights(lights.lights.clone(), console)?;

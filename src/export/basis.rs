@@ -46,6 +46,9 @@ const LEFT_OUT: f64 = 0.005 * 0.005;
 /// Bytes of a sample that evaluators keep, at most: irradiance under two lights for each harmonic, and the kernels of a few materials.
 const OF_A_SAMPLE: u64 = 2 * HARMONICS as u64 * 24 + 4 * 400;
 
+/// Bytes of the tables of calibrated kernels that evaluators remember of a medium: four of some 30 MB (bunny_3k in marble: 107 MB in all).
+const OF_A_MEDIUM: u64 = 4 * (30 << 20);
+
 /// A change of material and size, as factors of what the asset has.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Edit {
@@ -81,11 +84,12 @@ pub struct Basis {
 }
 
 impl Basis {
-    /// Bytes of memory for a number of vertices, and of samples of the evaluator.
-    pub fn memory(vertices: usize, samples: usize) -> u64 {
+    /// Bytes of memory for a number of vertices, of samples of the evaluator, and of media.
+    pub fn memory(vertices: usize, samples: usize, media: usize) -> u64 {
         let columns = 3 * HARMONICS * POINTS[0] * POINTS[1];
         let of_vertices = (vertices as u64).saturating_mul((4 * columns + 8 * MOST_FUNCTIONS * 2) as u64);
-        of_vertices.saturating_add((samples as u64).saturating_mul(OF_A_SAMPLE))
+        let of_samples = (samples as u64).saturating_mul(OF_A_SAMPLE);
+        of_vertices.saturating_add(of_samples).saturating_add((media as u64).saturating_mul(OF_A_MEDIUM))
     }
 
     /// Lights an evaluator with each harmonic, in the materials of each point; `most` are the largest factors of absorption and size, whose
