@@ -47,7 +47,9 @@ impl LeadingFunctions {
             }
             let most = sums.iter().fold(0.0_f64, |most, sum| most.max(sum.abs())).max(f64::MIN_POSITIVE);
             sums.iter_mut().for_each(|sum| *sum /= most);
-            (sums, vector.iter().zip(scales).map(|(share, scale)| share * most / scale).collect())
+            // A column without a scale is black, and has nothing of any function.
+            let factor = |(share, scale): (&f64, &f64)| if *scale > 0.0 { share * most / scale } else { 0.0 };
+            (sums, vector.iter().zip(scales).map(factor).collect())
         };
         let both: Vec<(Vec<f64>, Vec<f64>)> = vectors.par_iter().map(function).collect();
         let (functions, factors) = both.into_iter().unzip();
