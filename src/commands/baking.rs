@@ -63,7 +63,8 @@ impl BakeOptions {
 #[derive(Clone, Copy, Debug, Args)]
 pub(super) struct WalkOptions {
     /// Photons of each channel that a random walk takes (default: as many as bring the noise to --max-rms, 5% where that is
-    /// not given), or a calibration (default: 200000, fewer where each is scattered very often)
+    /// not given), or a calibration (default: 200000, fewer where each is scattered very often; 40000 of them at most, and others,
+    /// tell the error of the model)
     #[arg(long, value_name = "N")]
     pub(super) photons: Option<u64>,
     /// Seed of a random walk or a calibration

@@ -194,7 +194,7 @@ impl Recipe {
                 Some(walks) => Some(Arc::clone(walks)),
                 // No part that walks could calibrate is one that they could tell the error of.
                 None if !any_is_calibrated(&asset)? => None,
-                None => ModelWalks::new(&asset.scene, progress)?.map(Arc::new),
+                None => ModelWalks::new(&asset.scene, self.settings.model, progress)?.map(Arc::new),
             };
             if let Some(walks) = walks {
                 let finished = Arc::new(asset.clone());

@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::evaluator::Evaluator;
 use super::exitance::MeshPoint;
+use super::form::Model;
 use crate::compress::ledger::{Ledger, MODEL};
 use crate::error::{ExitCode, Result};
 use crate::light::Light;
@@ -14,7 +15,7 @@ use crate::transport::random_walk::exitance::{Effort, Exitance, Walkable};
 use crate::transport::random_walk::model_error::{over_places, points_of_a_triangle, project, project_points};
 use crate::transport::random_walk::tally::Hats;
 
-/// Photons of each channel, light and half.
+/// Photons of each channel, light and half; no more than what is judged was calibrated by.
 const PHOTONS: u64 = 40_000;
 
 /// Places of the surface that light is compared at: few, so that few walks are enough.
@@ -31,17 +32,21 @@ const POINTS: usize = 8192;
 pub struct ModelWalks(Vec<(Light, [Exitance; 2])>);
 
 impl ModelWalks {
-    /// Walks through a scene; none where a part lets light out, which walks refuse.
+    /// Walks through a scene that tell the error of a model; none where a part lets light out, which walks refuse.
     ///
     /// # Errors
     /// Failures of the walks.
-    pub fn new(scene: &Scene, progress: &dyn Progress) -> Result<Option<Self>> {
+    pub fn new(scene: &Scene, model: Model, progress: &dyn Progress) -> Result<Option<Self>> {
+        let photons = match model {
+            Model::Calibrated(walks) => PHOTONS.min(walks.photons),
+            Model::Dipole => PHOTONS,
+        };
         let sun = Light::Directional { from: DVec3::new(0.5, 0.8, 0.4).normalize(), irradiance: DVec3::ONE };
         let walkable = Walkable::new(scene.domain());
         let mut all = Vec::new();
         for light in [sun, Light::Constant { radiance: DVec3::ONE }] {
             let walk =
-                |seed: u64| walkable.exitance(std::slice::from_ref(&light), Effort::Photons(PHOTONS), seed, progress);
+                |seed: u64| walkable.exitance(std::slice::from_ref(&light), Effort::Photons(photons), seed, progress);
             match (walk(SEEDS[0]), walk(SEEDS[1])) {
                 (Ok(first), Ok(second)) => all.push((light, [first, second])),
                 (Err(error), _) | (_, Err(error)) if error.code() == ExitCode::InvalidInput => return Ok(None),

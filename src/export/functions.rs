@@ -56,3 +56,31 @@ impl LeadingFunctions {
         Ok(Self { functions, factors })
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    /// Columns of two functions, one of which is black, as a channel without scattering is.
+    #[test]
+    fn few_functions_give_every_column_back_and_black_ones_have_none_of_them() {
+        let areas: Vec<f64> = (0..40).map(|v| 1.0 + f64::from(v % 3)).collect();
+        let of = |a: f64, b: f64| -> Vec<f32> {
+            (0..40).map(|v| (a * (0.1 * f64::from(v)).sin() + b * f64::from(v * v) * 1e-3) as f32).collect()
+        };
+        let columns = [of(1.0, 0.0), of(3.0, -2.0), of(0.0, 0.0), of(0.2, 5.0)];
+        let norm = |column: &Vec<f32>| product(column, column, &areas).sqrt();
+        let scales: Vec<f64> = columns.iter().map(norm).map(|n| if n > 0.0 { 1.0 / n } else { 0.0 }).collect();
+        let LeadingFunctions { functions, factors } =
+            LeadingFunctions::new(&columns, &scales, &areas, (8, 1e-12)).unwrap();
+        assert_eq!(functions.len(), 2);
+        for (index, column) in columns.iter().enumerate() {
+            for (vertex, value) in column.iter().enumerate() {
+                let sum: f64 = functions.iter().zip(&factors).map(|(u, w)| u[vertex] * w[index]).sum();
+                assert!((sum - f64::from(*value)).abs() < 1e-5, "{index} {vertex}: {sum} {value}");
+            }
+        }
+        assert!(factors.iter().all(|of_function| of_function[2] == 0.0), "{factors:?}");
+    }
+}

@@ -132,10 +132,12 @@ fn parse_trimmed(text: &str) -> Result<LightSpec> {
     };
     if let Some(kind) = rest.and(unknown_kind(path)) {
         let names: Vec<_> = KINDS.iter().map(|k| k.name).collect();
-        return Err(Error::command_line(format!(
-            "`{kind}` is no kind of light; the kinds are {}; a path goes as env:path={text}",
-            names.join(", ")
-        )));
+        let advice = match KINDS.iter().find(|known| known.name.starts_with(kind) || kind.starts_with(known.name)) {
+            Some(meant) => format!("type for example {}", meant.example),
+            None => format!("a path goes as env:path={text}"),
+        };
+        let names = names.join(", ");
+        return Err(Error::command_line(format!("`{kind}` is no kind of light; the kinds are {names}; {advice}")));
     }
     if values.get("path").is_some() {
         return Err(env.fail("the path is given twice"));

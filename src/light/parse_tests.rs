@@ -124,6 +124,10 @@ fn errors_say_what_is_wrong_and_what_to_type() {
         ("spot:at=0,0,0:to=0,0,1:intensity=1", "`angle` is missing"),
         ("torch:at=0,0,0", "`torch` is no kind of light"),
         ("constnt:radiance=1", "`constnt` is no kind of light"),
+        ("constnt:radiance=1", "a path goes as env:path=constnt:radiance=1"),
+        ("environment:path=a.hdr", "type for example env:path=sky.hdr"),
+        ("sun:from=0,1,0:irradiance=1", "`sun` is no kind of light"),
+        ("dir:from=0,1,0:irradiance=1", "type for example directional:from="),
     ] {
         let error = parse(text).expect_err(text);
         assert_eq!(error.code(), ExitCode::CommandLine, "{text}");

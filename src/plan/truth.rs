@@ -254,7 +254,7 @@ impl Inside {
         }
         let settings = BakeSettings { model, samples: Some(1), ..BakeSettings::new(1.0) };
         let kernels = Form::bake(&ALL_PAIRS, scene, &settings, progress)?.sections;
-        let walks = ModelWalks::new(scene, progress)?.map(Arc::new);
+        let walks = ModelWalks::new(scene, model, progress)?.map(Arc::new);
         let (error, sums) = match &walks {
             Some(walks) => {
                 let mut sums = Sums::new(scene, SAMPLES_OF_A_MODEL, &OF_A_MODEL, &kernels)?;

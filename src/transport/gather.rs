@@ -80,6 +80,15 @@ pub enum Source {
     Patch(u32),
 }
 
+/// Sources that weights are asked for.
+#[derive(Clone, Copy)]
+pub(in crate::transport) enum Asked<'a> {
+    /// All, organised like that.
+    All(Scheme),
+    /// Some of [`Gather::sources`].
+    These(&'a [Source]),
+}
+
 /// Sources that one group of receivers sees, and their sums.
 #[derive(Default)]
 pub(in crate::transport) struct Lists {
@@ -263,21 +272,21 @@ impl<'a> Gather<'a> {
         receivers.groups.par_iter().map(of_group).collect()
     }
 
-    /// Passes every source of a light to `take`, with the radiosity, RGB, that it brings each receiver of a group for a
+    /// Passes the sources of a light that are asked for to `take`, with the radiosity, RGB, that it brings each receiver of a group for a
     /// flux of 1 (clusters) or an irradiance of 1 (samples) before any factors.
     pub(in crate::transport) fn weights(
         &self,
         receivers: &Receivers,
         group: Group,
         lit: &Lit,
-        scheme: Scheme,
+        asked: Asked,
         lists: &mut Lists,
         take: &mut impl FnMut(Source, &[[f32; 3]]),
     ) {
         let Some((part, medium, sphere)) = self.begin(receivers, group, lists) else { return };
         let mut weights = vec![[0.0; 3]; group.run.range().len()];
         let of_receivers: Vec<DVec3> = group.run.range().map(|i| receivers.factor(i)).collect();
-        self.visit(part, lit, medium, scheme, &sphere, &mut |source| {
+        let mut weigh = |source: Source| {
             match source {
                 Source::Cluster(index) => {
                     let Cluster { centre_mm, flux, .. } = lit.clusters[index as usize];
@@ -307,7 +316,11 @@ impl<'a> Gather<'a> {
                 }
             }
             take(source, &weights);
-        });
+        };
+        match asked {
+            Asked::All(scheme) => self.visit(part, lit, medium, scheme, &sphere, &mut weigh),
+            Asked::These(sources) => sources.iter().for_each(|&source| weigh(source)),
+        }
     }
 
     /// True if a kernel has a double layer.

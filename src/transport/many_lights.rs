@@ -8,7 +8,7 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::gather::{Criterion, Gather, Scheme, Source};
+use super::gather::{Asked, Criterion, Gather, Scheme, Source};
 use super::receivers::{Group, ProbePoints, Receivers};
 use super::tree::SampleTree;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion};
@@ -83,6 +83,10 @@ const SOURCES: usize = 64;
 
 /// Stride from one block of columns to the next: one more, because rows a page apart push each other out of the cache.
 const STRIDE: usize = SOURCES + 1;
+
+/// Groups of receivers below which the sources of each are shared among threads, so many a job.
+const FEW_GROUPS: usize = 16;
+const SOURCES_OF_A_JOB: usize = 4096;
 
 /// Rows of a block: channels of receivers, as many as keep their sums in the 16 registers of AVX2.
 const ROWS: usize = 6;
@@ -197,14 +201,14 @@ impl<'a> ManyLights<'a> {
         let (lights, columns, flux) = (rows.lights, rows.columns(), &shared.flux);
         let lit = self.gather.light(&shared.mean);
         let mut values = vec![0.0; receivers.len() * 3 * lights];
-        let of_group = |work: &mut Work, (group, out): (&Group, &mut [f32])| {
+        let of_sources = |work: &mut Work, group: Group, asked: Asked, out: &mut [f32]| {
             let members = group.run.range().len();
             work.block.begin(members, lights, rows.channels());
             let row = |source: Source| match source {
                 Source::Cluster(node) => &flux[node as usize * columns..(node as usize + 1) * columns],
                 Source::Patch(sample) => &rows.values[sample as usize * columns..(sample as usize + 1) * columns],
             };
-            self.gather.weights(receivers, *group, &lit, scheme, &mut work.lists, &mut |source, weights| {
+            self.gather.weights(receivers, group, &lit, asked, &mut work.lists, &mut |source, weights| {
                 work.block.push(weights, row(source));
                 if work.block.sources == SOURCES {
                     work.block.multiply(self.level);
@@ -212,10 +216,29 @@ impl<'a> ManyLights<'a> {
             });
             work.block.multiply(self.level);
             work.block.store(members, out);
-            progress.advance(members as u64);
         };
+        if receivers.groups.len() < FEW_GROUPS {
+            // The eight corners of a cube are one group.
+            let sources = self.gather.sources(receivers, &lit, scheme);
+            let groups = receivers.groups.iter().zip(&sources).zip(receivers.cut(&mut values, 3 * lights));
+            for ((group, sources), out) in groups {
+                let of_some = |work: &mut Work, some: &[Source]| {
+                    let mut sums = vec![0.0; out.len()];
+                    of_sources(work, *group, Asked::These(some), &mut sums);
+                    sums
+                };
+                let jobs = sources.par_chunks(SOURCES_OF_A_JOB);
+                let sums: Vec<Vec<f32>> = jobs.map_init(Work::default, of_some).collect();
+                sums.iter().for_each(|sums| out.iter_mut().zip(sums).for_each(|(out, sum)| *out += sum));
+                progress.advance(group.run.range().len() as u64);
+            }
+            return RadiosityRows { lights, values };
+        }
         let jobs = receivers.groups.par_iter().zip(receivers.cut(&mut values, 3 * lights));
-        jobs.for_each_init(Work::default, of_group);
+        jobs.for_each_init(Work::default, |work, (group, out)| {
+            of_sources(work, *group, Asked::All(scheme), out);
+            progress.advance(group.run.range().len() as u64);
+        });
         RadiosityRows { lights, values }
     }
 }

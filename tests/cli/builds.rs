@@ -88,7 +88,7 @@ fn strict_is_one_rule() {
     let mut spare = shapes::icosphere(1.5, 2);
     spare.positions.push(glam::DVec3::ZERO);
     folder.obj("ball.obj", &shapes::icosphere(1.5, 2)).obj("spare.obj", &spare);
-    folder.obj("cube.obj", &shapes::cuboid(glam::DVec3::splat(10.0), 1));
+    folder.obj("cube.obj", &shapes::cuboid(glam::DVec3::splat(2.0), 1));
     let mut codes = [0; 2];
     for (model, rest) in [
         ("ball", "--method two_pass --samples 150"),

@@ -19,7 +19,7 @@ fn a_bake_takes_from_the_cache_what_does_not_depend_on_the_material() {
     folder.obj("head.obj", &shapes::bumpy_head(1.0, 2));
     let bake = |material: &str, more: &str| -> (Vec<u8>, Value) {
         let line = format!(
-            "bake head.obj --size-mm 20 --material {material} --method editable --samples 400 --set coefficients=16 \
+            "bake head.obj --size-mm 20 --material {material} --method editable --samples 150 --set coefficients=16 \
              --for-lights environment {more} -q --json -o a.tlux"
         );
         let report = folder.run(&line).ok().json();
@@ -44,7 +44,7 @@ fn a_bake_takes_from_the_cache_what_does_not_depend_on_the_material() {
     // Two at once, of a cache that is empty.
     let at_once = |name: &str| {
         let line = format!(
-            "bake head.obj --size-mm 20 --material skin1 --method editable --samples 400 --set coefficients=16 --for-lights environment \
+            "bake head.obj --size-mm 20 --material skin1 --method editable --samples 150 --set coefficients=16 --for-lights environment \
              --cache empty -q -o {name}"
         );
         folder.run(&line).ok();

@@ -14,9 +14,18 @@ const SUN: &str = "--light directional:from=1,2,3:irradiance=2";
 const LAMP: &str = "--light point:at=-20,30,15:intensity=900";
 
 fn head() -> Folder {
+    head_of(3)
+}
+
+fn head_of(subdivisions: u32) -> Folder {
     let folder = Folder::new();
-    folder.obj("head.obj", &shapes::bumpy_head(8.0, 3));
+    folder.obj("head.obj", &shapes::bumpy_head(8.0, subdivisions));
     folder
+}
+
+/// The bake with another number of samples.
+fn bake_with(samples: usize) -> String {
+    BAKE.replace("--samples 2000", &format!("--samples {samples}"))
 }
 
 fn stages(report: &Value, key: &str) -> BTreeSet<String> {
@@ -59,7 +68,7 @@ fn the_material_is_chosen_when_the_asset_is_evaluated() {
 
 #[test]
 fn keys_change_the_bake_or_are_refused() {
-    let folder = head();
+    let folder = head_of(2);
     let bake = format!(
         "bake head.obj --unit mm --material marble --method editable --set transport=stored --samples 600 {SUNS}"
     );
@@ -99,8 +108,8 @@ fn keys_change_the_bake_or_are_refused() {
 
 #[test]
 fn kinds_of_light_are_chosen_or_refused() {
-    let folder = head();
-    let bake = "bake head.obj --unit mm --material marble --method editable --samples 500";
+    let folder = head_of(2);
+    let bake = "bake head.obj --unit mm --material marble --method editable --samples 200";
     for kinds in ["directional,point", "all", " environment"] {
         let words = bake.split(' ').chain(["--for-lights", kinds, "-o", "a.tlux"]);
         folder.run_words(words).ok();
@@ -122,10 +131,9 @@ fn kinds_of_light_are_chosen_or_refused() {
 #[test]
 fn reports_tell_stages_memory_and_errors() {
     let folder = head();
-    let finer = BAKE.replace("--samples 2000", "--samples 6000");
-    let bake = folder.run(&format!("{finer} --material marble --json -o a.tlux")).ok().json();
+    let bake = folder.run(&format!("{} --material marble --json -o a.tlux", bake_with(3000))).ok().json();
     assert_measured(&bake);
-    assert_eq!((&bake["method"], &bake["samples"]), (&"editable".into(), &6000.into()));
+    assert_eq!((&bake["method"], &bake["samples"]), (&"editable".into(), &3000.into()));
     for stage in ["import", "samples", "basis", "transport", "ledger", "write"] {
         assert!(stages(&bake["timings"], "stages").contains(stage), "{stage}");
     }
@@ -154,14 +162,13 @@ fn reports_tell_stages_memory_and_errors() {
     }
     assert!(stages(&evaluation["measured"], "entries").is_superset(&["sampling".into(), "transport".into()].into()));
     assert_eq!(evaluation["asked_rms"], 0.01);
-    assert_eq!(evaluation["cost"]["samples"], 6000);
+    assert_eq!(evaluation["cost"]["samples"], 3000);
 }
 
 #[test]
 fn the_far_field_is_interpolated_from_fewer_points() {
-    let folder = Folder::new();
-    folder.obj("head.obj", &shapes::bumpy_head(8.0, 4));
-    let finer = BAKE.replace("--samples 2000", "--samples 6000");
+    let folder = head_of(4);
+    let finer = bake_with(3000);
     let bake = |spacing: &str, to: &str| {
         let line =
             format!("{finer} --material marble --for-lights directional --set far-spacing={spacing} --json -o {to}");
@@ -212,8 +219,9 @@ fn methods_are_listed_with_their_errors() {
 #[test]
 fn assets_are_inspected_validated_and_compared() {
     let folder = head();
-    folder.run(&format!("{BAKE} {SUNS} --material marble -o a.tlux")).ok();
-    folder.run(&format!("{BAKE} {SUNS} --material marble -o b.tlux")).ok();
+    let bake = bake_with(1000);
+    folder.run(&format!("{bake} {SUNS} --material marble -o a.tlux")).ok();
+    folder.run(&format!("{bake} {SUNS} --material marble -o b.tlux")).ok();
     assert!(folder.read("a.tlux") == folder.read("b.tlux"));
     assert!(folder.run("compare a.tlux b.tlux").ok().text().starts_with("equal: "));
 
@@ -231,7 +239,7 @@ fn assets_are_inspected_validated_and_compared() {
     let outcome = folder.run("validate a.tlux").ok();
     assert!(outcome.text().contains(" 0 errors"), "{}", outcome.text());
 
-    folder.run("bake head.obj --unit mm --samples 2000 --method two_pass --material marble -o peer.tlux").ok();
+    folder.run("bake head.obj --unit mm --samples 1000 --method two_pass --material marble -o peer.tlux").ok();
     let outcome = folder.run("compare a.tlux peer.tlux --json");
     assert_eq!(outcome.code, 7);
     let pairs = outcome.json()["assets"]["sections"].clone();
@@ -244,7 +252,7 @@ fn assets_are_inspected_validated_and_compared() {
 #[test]
 fn the_asset_alone_is_sufficient() {
     let folder = head();
-    folder.run(&format!("{BAKE} --material marble -o a.tlux")).ok();
+    folder.run(&format!("{} --material marble -o a.tlux", bake_with(500))).ok();
     let elsewhere = Folder::new();
     elsewhere.write("moved.tlux", folder.read("a.tlux"));
     for (light, material) in
@@ -261,8 +269,9 @@ fn the_asset_alone_is_sufficient() {
 #[test]
 fn nothing_stored_gives_what_stored_transport_gives() {
     let folder = head();
-    let none = format!("{} --material marble", BAKE.replace("transport=stored", "transport=none"));
-    folder.run(&format!("{BAKE} --material marble -o stored.tlux")).ok();
+    let bake = bake_with(1000);
+    let none = format!("{} --material marble", bake.replace("transport=stored", "transport=none"));
+    folder.run(&format!("{bake} --material marble -o stored.tlux")).ok();
     let report = folder.run(&format!("{none} --json -o none.tlux")).ok().json();
     assert!(stages(&report["ledger"], "entries").is_superset(&["sampling".into(), "multilevel".into()].into()));
     assert!(stages(&report["timings"], "stages").contains("resolution"));

@@ -8,7 +8,8 @@ use crate::common::Folder;
 /// A ball as an asset of each form.
 fn assets() -> (Folder, Vec<String>) {
     let folder = Folder::new();
-    folder.obj("ball.obj", &shapes::icosphere(2.0, 1));
+    // Small, so that the walks of what is calibrated leave soon.
+    folder.obj("ball.obj", &shapes::icosphere(0.7, 1));
     let mut names = Vec::new();
     for (method, rest) in [
         ("two_pass", ""),

@@ -6,8 +6,13 @@ use translux::geometry::shapes;
 use crate::common::Folder;
 
 fn folder() -> Folder {
+    folder_of(2)
+}
+
+/// A ball of so many subdivisions and a cube.
+fn folder_of(subdivisions: u32) -> Folder {
     let folder = Folder::new();
-    folder.obj("ball.obj", &shapes::icosphere(2.0, 3)).obj("cube.obj", &shapes::cuboid(glam::DVec3::splat(3.0), 1));
+    folder.obj("ball.obj", &shapes::icosphere(2.0, subdivisions)).obj("cube.obj", &shapes::cuboid(glam::DVec3::ONE, 1));
     folder
 }
 
@@ -28,7 +33,7 @@ fn kept(plan: &Value) -> (&Value, &Value) {
 
 #[test]
 fn a_bake_without_a_method_meets_its_request_and_says_how_it_chose() {
-    let folder = folder();
+    let folder = folder_of(3);
     let bake = "bake ball.obj --unit mm --material marble --for-lights directional,constant --max-rms 1% \
                 --model dipole";
     let report = folder.run(&format!("{bake} -o a.tlux --report a.json --json")).ok().json();
@@ -53,7 +58,11 @@ fn a_bake_without_a_method_meets_its_request_and_says_how_it_chose() {
     // A light that neither choice nor verdict saw.
     let light = "--light directional:from=-0.2,0.4,0.9:irradiance=2";
     folder.run(&format!("evaluate a.tlux {light} -o a.ply")).ok();
-    folder.run(&format!("reference ball.obj --unit mm --material marble {light} --no-measure -o truth.ply")).ok();
+    folder
+        .run(&format!(
+            "reference ball.obj --unit mm --material marble {light} --samples 40000 --no-measure -o truth.ply"
+        ))
+        .ok();
     folder.run("compare a.ply truth.ply --metric rms --fail-above 1%").ok();
     let text = folder.run("inspect a.tlux").ok().text();
     for sentence in [
@@ -77,7 +86,7 @@ fn a_bake_without_a_method_meets_its_request_and_says_how_it_chose() {
 fn small_meshes_get_small_assets() {
     let folder = folder();
     // Samples are made again from the mesh, however many the edges need.
-    for (model, most) in [("dipole", 4_000), ("calibrated", 6_000)] {
+    for (model, most) in [("dipole", 4_000), ("calibrated --photons 8192", 5_000)] {
         let bake = "bake cube.obj --unit mm --material marble --for-lights directional --report p.json -o a.tlux -q";
         folder.run(&format!("{bake} --model {model}")).ok();
         let made = plan(&folder, "p.json");
@@ -99,13 +108,13 @@ fn kernels_are_calibrated_unless_a_method_is_named_or_no_part_is_closed() {
     folder.obj("ball.obj", &shapes::icosphere(0.6, 2)).obj("bowl.obj", &bowl);
     let mut media = Vec::new();
     for (options, calibrated) in [
-        ("ball.obj --max-rms 5%", true),
+        ("ball.obj --max-rms 5% --photons 8192", true),
         ("bowl.obj --max-rms 5%", false),
         ("ball.obj --max-rms 5% --model dipole", false),
         ("bowl.obj --max-rms 5% --model dipole", false),
         ("ball.obj --method two_pass --samples 200", false),
     ] {
-        let look = "--color #e8c4b0 --radius-mm 0.7";
+        let look = "--color #e8c4b0 --radius-mm 2";
         let bake = format!("bake {options} --unit mm {look} --for-lights directional -o a.tlux --json");
         let foreseen = folder.run(&format!("{bake} --dry-run")).ok().json();
         let done = folder.run(&bake).ok();

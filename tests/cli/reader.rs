@@ -131,7 +131,7 @@ fn rows_for_environments_read_as_the_page_says() {
 
 #[test]
 fn the_far_field_reads_as_the_page_says() {
-    let bake = "--size-mm 24 --material skin1 --method editable --samples 600 --max-rms 0.1% --set transport=stored";
+    let bake = "--size-mm 24 --material skin1 --method editable --samples 300 --max-rms 0.1% --set transport=stored";
     agree(&ellipsoid(1), bake, &[SUN, LAMP, SKY], SAME);
 }
 
@@ -149,7 +149,8 @@ fn harmonics_and_rows_of_distant_light_read_as_the_pages_say() {
             "--size-mm 24 --material skin1 --method all_frequency --samples 1000 --max-rms 0.1% \
              --set single-scattering=isotropic --for-lights directional,environment,constant --set {set}"
         );
-        agree(&potato(2), &bake, &[SUN, SKY], most);
+        // Every vertex is a reference point, of this model and of a finer one.
+        agree(&potato(1), &bake, &[SUN, SKY], most);
     }
 }
 

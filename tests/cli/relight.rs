@@ -83,7 +83,7 @@ fn twelve_triangles_are_shown_refined_where_light_is_gathered() {
         (told.stderr, vertices, read_png(&folder.path(&format!("{asset}/frame_0000.png"))).unwrap())
     };
     // Samples alone, and samples with rows for environments beside them.
-    for (asset, more) in [("two_pass", ""), ("editable", "--samples 20000 --for-lights environment,directional")] {
+    for (asset, more) in [("two_pass", ""), ("editable", "--samples 8000 --for-lights environment,directional")] {
         let bake =
             bake.replace("--for-lights directional", if more.is_empty() { "--for-lights directional" } else { "" });
         folder.run(&format!("{bake} --method {asset} {more} -o {asset}.tlux")).ok();

@@ -8,8 +8,12 @@ const SUN: &str = "--light directional:from=0.3,0.8,0.5:irradiance=3 -q";
 
 /// A head baked at 20 mm.
 fn head() -> Folder {
+    head_of(4)
+}
+
+fn head_of(subdivisions: u32) -> Folder {
     let folder = Folder::new();
-    folder.obj("head.obj", &shapes::bumpy_head(1.0, 4));
+    folder.obj("head.obj", &shapes::bumpy_head(1.0, subdivisions));
     folder.run("bake head.obj --size-mm 20 --material marble --method two_pass --samples 8192 -o head.tlux -q").ok();
     folder
 }
@@ -112,7 +116,10 @@ fn what_cannot_be_done_is_refused() {
         assert!(outcome.stderr.contains("size-mm"), "{}", outcome.stderr);
     }
     folder
-        .run("bake head.obj --method editable --size-mm 20 --material marble --set transport=stored --samples 4096 --for-lights directional -o stored.tlux -q")
+        .run(
+            "bake head.obj --method editable --size-mm 20 --material marble --set transport=stored --samples 1500 \
+             --for-lights directional -o stored.tlux -q",
+        )
         .ok();
     folder
         .run(&format!("evaluate stored.tlux --size-mm 30 {sun}"))
@@ -124,9 +131,8 @@ fn what_cannot_be_done_is_refused() {
 /// Nets follow the size, the medium, the profile and the light; other meshes are gathered through the tree.
 #[test]
 fn multilevel_summation_edits_what_the_tree_edits() {
-    let folder = head();
-    let bake =
-        "bake head.obj --size-mm 20 --material marble --max-rms 0.5% --samples 16384 --for-lights directional -q";
+    let folder = head_of(3);
+    let bake = "bake head.obj --size-mm 20 --material marble --max-rms 0.5% --samples 8192 --for-lights directional -q";
     folder.run(&format!("{bake} --method two_pass -o tree.tlux")).ok();
     folder.run(&format!("{bake} --method editable --set transport=none -o nets.tlux")).ok();
     let edits = ["", "--size-mm 45", "--material skin1", "--profile better-dipole", "--on head.obj"];

@@ -306,7 +306,7 @@ fn damage_does_not_hide_damage() {
 #[test]
 fn every_method_writes_what_is_valid() {
     let folder = Folder::new();
-    folder.obj("a.obj", &shapes::bumpy_head(1.0, 2));
+    folder.obj("a.obj", &shapes::bumpy_head(1.0, 1));
     for method in translux::methods::built_in().methods().iter().map(|m| m.name()) {
         let settings: &[&str] = match method {
             "all_frequency" => &["", "--set basis=haar"],

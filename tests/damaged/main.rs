@@ -27,7 +27,7 @@ use translux::report::validation::{Validation, examine};
 use translux_format::RawSection;
 
 /// Mutations of a run in which nobody asks for more.
-const FEW: u64 = 1_500;
+const FEW: u64 = 900;
 
 /// No mutation of such a small asset takes nearly this long.
 const LONG: Duration = Duration::from_secs(20);

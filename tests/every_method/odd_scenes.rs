@@ -6,14 +6,23 @@ fn triangle(size_mm: f64) -> SourceModel {
     SourceModel::new([DVec3::ZERO, DVec3::X, DVec3::new(0.2, 0.9, 0.3)].map(|p| p * size_mm).to_vec(), vec![[0, 1, 2]])
 }
 
+/// Keys that shorten a bake: nothing is compared with a truth here. One body has as many lights as are found to be needed.
+fn shortest(method: &dyn Method, scene: &Scene) -> Vec<(String, String)> {
+    let keys = if scene.parts.parts.len() == 1 { short(method) } else { few_lights(method, 100) };
+    // A quarter of the texels of others.
+    keys.into_iter()
+        .map(|(key, value)| if key == "resolution" { (key, "64".to_owned()) } else { (key, value) })
+        .collect()
+}
+
 /// Bakes and evaluates a scene with every method under every light, alone and all at once. A flat or convex surface
 /// under constant light returns at most what arrives, `most` times pi.
 fn survives(name: &str, scene: &Scene, samples: &[usize], most: f64) {
-    let lights = every_light_but(LightKind::Point, scene);
+    let lights = every_light_but(&[LightKind::Point], scene);
     for method in every() {
         for &samples in samples {
             let what = format!("{name}, {}, {samples} samples", method.name());
-            let mut evaluator = baked(method, scene, samples);
+            let mut evaluator = reopened(&asset(method, scene, samples, &shortest(method, scene)));
             for light in &served(method, &lights) {
                 let values = lit(evaluator.as_mut(), vec![light.clone()]);
                 assert_eq!(values.len(), scene.mesh.local_mm.len(), "{what}");
@@ -45,7 +54,7 @@ fn a_single_triangle() {
 
 #[test]
 fn an_open_plane() {
-    survives("plane", &scene(shapes::plane(20.0, 20.0, 8), Scale::MillimetresPerUnit(1.0), "skin1"), &[1, 300], 1.02);
+    survives("plane", &scene(shapes::plane(20.0, 20.0, 8), Scale::MillimetresPerUnit(1.0), "skin1"), &[300], 1.02);
 }
 
 #[test]
@@ -69,7 +78,7 @@ fn few_samples() {
 
 #[test]
 fn a_huge_object_and_tiny_ones() {
-    for (size_mm, material) in [(1800.0, "marble"), (1e-4, "ketchup"), (1e6, "cream")] {
+    for (size_mm, material) in [(1e-4, "ketchup"), (1e6, "cream")] {
         let scene = scene(shapes::bumpy_head(1.0, 1), Scale::DiagonalMm(size_mm), material);
         survives(&format!("{size_mm} mm of {material}"), &scene, &[500], 2.0);
     }

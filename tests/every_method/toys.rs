@@ -29,10 +29,14 @@ fn run(program: &Path, folder: &Path, line: &str) -> Output {
 
 #[test]
 fn a_method_and_a_form_from_outside_are_whole_programs() {
-    let model = shapes::bumpy_head(1.0, 3);
-    let mut obj = String::new();
-    model.positions.iter().for_each(|p| obj += &format!("v {} {} {}\n", p.x, p.y, p.z));
-    model.triangles.iter().for_each(|t| obj += &format!("f {} {} {}\n", t[0] + 1, t[1] + 1, t[2] + 1));
+    // On a coarser mesh, which is enough for a chart, a bake warns of what is drawn between vertices.
+    let [head, coarse] = [3, 2].map(|subdivisions| {
+        let model = shapes::bumpy_head(1.0, subdivisions);
+        let mut obj = String::new();
+        model.positions.iter().for_each(|p| obj += &format!("v {} {} {}\n", p.x, p.y, p.z));
+        model.triangles.iter().for_each(|t| obj += &format!("f {} {} {}\n", t[0] + 1, t[1] + 1, t[2] + 1));
+        obj
+    });
     // The paper's 200 lights and 3000 samples miss what is asked for, and say so.
     const NO_FINDINGS: &str = "valid; 0 errors, 0 warnings";
     let programs = [
@@ -43,7 +47,8 @@ fn a_method_and_a_form_from_outside_are_whole_programs() {
     for (example, name, light, verdict, most) in programs {
         let (program, folder) = (program(example), tempfile::tempdir().unwrap());
         let folder = folder.path();
-        std::fs::write(folder.join("head.obj"), &obj).unwrap();
+        std::fs::write(folder.join("head.obj"), &head).unwrap();
+        std::fs::write(folder.join("coarse.obj"), &coarse).unwrap();
         let run = |line: &str| run(&program, folder, line);
         let text = |output: Output| String::from_utf8(output.stdout).unwrap();
         run(&format!(
@@ -53,10 +58,12 @@ fn a_method_and_a_form_from_outside_are_whole_programs() {
         assert!(text(run("inspect a.tlux")).contains(name));
         assert!(text(run(&format!("methods {name}"))).contains("You "));
         run(&format!("evaluate a.tlux --light {light} -o a.ply -q"));
-        run(&format!("reference head.obj --samples 12000 --size-mm 20 --material marble --light {light} -o b.ply -q"));
+        run(&format!(
+            "reference head.obj --no-measure --samples 6000 --size-mm 20 --material marble --light {light} -o b.ply -q"
+        ));
         run(&format!("compare a.ply b.ply --fail-above {most}"));
         run(&format!("render a.tlux --light {light} -o a.png --resolution 64x64 -q"));
-        let chart = "chart head.obj -o chart --quick --reference-samples 8000 --size-mm 20 --device cpu -q";
+        let chart = "chart coarse.obj -o chart --quick --reference-samples 4000 --size-mm 20 --device cpu -q";
         run(&format!("{chart} --methods {name} --light {light}"));
         assert!(std::fs::read_to_string(folder.join("chart/chart.json")).unwrap().contains(name));
     }

@@ -26,7 +26,13 @@ use translux::transport::single_scattering::vertex_points;
 
 /// A head of 20 mm, a few mean free paths of skin1 thick in its ears.
 fn head(g: f64) -> Scene {
-    let mut scene = in_memory::scene(shapes::bumpy_head(10.0, 2), Scale::MillimetresPerUnit(1.0), "skin1");
+    head_of(2, g)
+}
+
+/// The same with so many subdivisions.
+fn head_of(subdivisions: u32, g: f64) -> Scene {
+    let model = shapes::bumpy_head(10.0, subdivisions);
+    let mut scene = in_memory::scene(model, Scale::MillimetresPerUnit(1.0), "skin1");
     scene.media[0].properties.g = g;
     scene
 }
@@ -87,7 +93,7 @@ fn ledger_rms(asset: &Asset) -> f64 {
 
 #[test]
 fn stored_values_are_those_of_rays() {
-    let scene = head(0.0);
+    let scene = head_of(1, 0.0);
     let areas = vertex_areas(&scene);
     let mut truth = open(bake("reference", &scene, &["single-scattering=isotropic"]));
     let lights = [vec![environment()], vec![sun()], vec![environment(), sun()]];
@@ -119,17 +125,18 @@ fn stored_values_are_those_of_rays() {
 #[test]
 fn integrands_are_those_of_the_reference() {
     // The folds of a finer head: what they let through is a small share.
-    let mut scene = in_memory::scene(shapes::bumpy_head(10.0, 3), Scale::MillimetresPerUnit(1.0), "skin1");
-    scene.media[0].properties.g = 0.0;
-    let areas = vertex_areas(&scene);
-    let of = |method: &str, integrand: &str| {
-        let set = ["single-scattering=isotropic", integrand, "coefficients=225"];
-        let set = &set[..if method == "all_frequency" { 3 } else { 2 }];
-        let asset = baked::asset(method, &scene, 500, set);
-        per_vertex(open(asset).as_mut(), &[environment()])
-    };
-    let plain: DVec3 = of("reference", "single-form=physical").iter().sum();
-    for (integrand, brighter) in [("single-form=printed", 1.5), ("single-crossings=attenuated", 1.0005)] {
+    for (integrand, subdivisions, brighter) in
+        [("single-form=printed", 1, 1.5), ("single-crossings=attenuated", 3, 1.0005)]
+    {
+        let scene = head_of(subdivisions, 0.0);
+        let areas = vertex_areas(&scene);
+        let of = |method: &str, integrand: &str| {
+            let set = ["single-scattering=isotropic", integrand, "coefficients=225"];
+            let set = &set[..if method == "all_frequency" { 3 } else { 2 }];
+            let asset = baked::asset(method, &scene, 500, set);
+            per_vertex(open(asset).as_mut(), &[environment()])
+        };
+        let plain: DVec3 = of("reference", "single-form=physical").iter().sum();
         let (found, expected) = (of("all_frequency", integrand), of("reference", integrand));
         let error = vertex_error(&found, &expected, &areas).rms;
         let ratio = expected.iter().sum::<DVec3>().y / plain.y;
@@ -162,7 +169,7 @@ fn nothing_beside_the_radiosity_unless_it_is_asked_for() {
 /// What is seen is the sum, whether it is stored as one or beside each other.
 #[test]
 fn folded_into_the_radiosity_it_is_the_same_light() {
-    let scene = head(0.0);
+    let scene = head_of(1, 0.0);
     let areas = vertex_areas(&scene);
     let folded = bake("all_frequency", &scene, &["single-scattering=folded"]);
     let beside = bake("all_frequency", &scene, &["single-scattering=isotropic"]);
@@ -251,7 +258,7 @@ fn for_a_fixed_eye_it_is_a_part_of_the_radiosity() {
 
 #[test]
 fn more_terms_come_nearer_to_the_phase_function() {
-    let scene = head(0.4);
+    let scene = head_of(1, 0.4);
     let areas = vertex_areas(&scene);
     let mut truth = open(bake("reference", &scene, &["single-scattering=phase"]));
     // Along the refracted way, which the inverse normal stands for.
@@ -270,7 +277,7 @@ fn more_terms_come_nearer_to_the_phase_function() {
 #[test]
 fn the_number_of_terms_follows_g() {
     let stored = |g: f64| {
-        let mut ball = in_memory::scene(shapes::icosphere(10.0, 1), Scale::MillimetresPerUnit(1.0), "skin1");
+        let mut ball = in_memory::scene(shapes::icosphere(10.0, 0), Scale::MillimetresPerUnit(1.0), "skin1");
         ball.media[0].properties.g = g;
         let asset = bake("all_frequency", &ball, &["single-scattering=phase", "coefficients=9"]);
         let file = translux_format::distant_transport::DistantTransport::from_sections(
@@ -285,7 +292,7 @@ fn the_number_of_terms_follows_g() {
 /// With g = 0 what is seen depends on the surface alone, with baked extinction; other properties stay.
 #[test]
 fn g_is_free_at_run_time() {
-    let scene = head(0.25);
+    let scene = head_of(1, 0.25);
     let mut evaluator = open(bake("all_frequency", &scene, &["single-scattering=phase", "coefficients=100"]));
     let before = seen(evaluator.as_mut(), &[sun()]);
     let radiosity = evaluator.radiosity(&Silent).unwrap();
@@ -298,7 +305,7 @@ fn g_is_free_at_run_time() {
     assert_eq!(evaluator.radiosity(&Silent).unwrap(), radiosity);
     media[0].properties.eta_inside_over_outside = 1.4;
     assert_eq!(evaluator.set_media(media).unwrap_err().code(), ExitCode::Unsupported);
-    let mut isotropic = open(bake("all_frequency", &head(0.25), &["single-scattering=isotropic", "coefficients=100"]));
+    let mut isotropic = open(bake("all_frequency", &scene, &["single-scattering=isotropic", "coefficients=100"]));
     let mut media = isotropic.scene().media.clone();
     media[0].properties.g = 0.0;
     assert_eq!(isotropic.set_media(media).unwrap_err().code(), ExitCode::Unsupported);

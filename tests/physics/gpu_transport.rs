@@ -66,25 +66,23 @@ fn every_method_gives_the_same_radiosity_under_every_light() {
             assert!(cpu.iter().any(|b| b.min_element() > 0.0));
             assert_same(&format!("{}, lights {index}", method.name()), &gpu, &cpu);
         }
-        // A material of the same index of refraction, and one of another, under the light in force.
-        for media in [["skin1", "wholemilk"], ["spectralon", "marble"]] {
-            let media: Vec<_> = media.map(medium).into();
-            let mut edited = media.clone();
-            edited[1].properties.eta_inside_over_outside = 1.2;
-            for media in [media, edited] {
-                if cpu.capabilities().material == MaterialEdit::None {
-                    let refused = |evaluator: &mut dyn Evaluator| evaluator.set_media(media.clone()).unwrap_err();
-                    let (gpu, cpu) = (refused(gpu.as_mut()), refused(cpu.as_mut()));
-                    assert_eq!((gpu.code(), gpu.message()), (ExitCode::Unsupported, cpu.message()));
-                    continue;
-                }
-                let radiosity = |evaluator: &mut dyn Evaluator| {
-                    evaluator.set_media(media.clone()).unwrap();
-                    evaluator.radiosity(&Silent).unwrap()
-                };
-                let (gpu, cpu) = (radiosity(gpu.as_mut()), radiosity(cpu.as_mut()));
-                assert_same(&format!("{}, edited", method.name()), &gpu, &cpu);
+        // Materials of the same index of refraction, and others of which one has another, under the light in force.
+        let same: Vec<_> = ["skin1", "wholemilk"].map(medium).into();
+        let mut other: Vec<_> = ["spectralon", "marble"].map(medium).into();
+        other[1].properties.eta_inside_over_outside = 1.2;
+        for media in [same, other] {
+            if cpu.capabilities().material == MaterialEdit::None {
+                let refused = |evaluator: &mut dyn Evaluator| evaluator.set_media(media.clone()).unwrap_err();
+                let (gpu, cpu) = (refused(gpu.as_mut()), refused(cpu.as_mut()));
+                assert_eq!((gpu.code(), gpu.message()), (ExitCode::Unsupported, cpu.message()));
+                continue;
             }
+            let radiosity = |evaluator: &mut dyn Evaluator| {
+                evaluator.set_media(media.clone()).unwrap();
+                evaluator.radiosity(&Silent).unwrap()
+            };
+            let (gpu, cpu) = (radiosity(gpu.as_mut()), radiosity(cpu.as_mut()));
+            assert_same(&format!("{}, edited", method.name()), &gpu, &cpu);
         }
         let (mut a, mut b) = (gpu.all_pairs(&Silent).unwrap(), cpu.all_pairs(&Silent).unwrap());
         assert_same(&format!("{}, all pairs", method.name()), &a, &b);
@@ -112,7 +110,7 @@ fn lights_of_any_size_keep_their_precision(name: &str, gpu: &mut dyn Evaluator) 
 #[test]
 fn profiles_have_the_same_sums() {
     let Some(device) = device(u64::MAX) else { return };
-    let profiles = ["better-dipole", "photon-beam", "gaussians:skin"].map(|text| {
+    let profiles = ["better-dipole", "gaussians:skin"].map(|text| {
         let model: ProfileModel = text.parse().unwrap();
         model.load().unwrap()
     });
@@ -135,15 +133,16 @@ fn profiles_have_the_same_sums() {
 #[test]
 fn calibrated_kernels_have_the_same_sums() {
     let Some(device) = device(u64::MAX) else { return };
-    for (name, media) in [("two_pass", ["marble", "skin1"]), ("editable", ["chicken1", "skin1"])] {
+    for (name, media) in [("two_pass", ["skin1", "marble"]), ("editable", ["chicken1", "skin1"])] {
         let method = in_memory::method(name);
         let scene = Scene { media: media.map(medium).into(), ..group() };
         let model = Model::Calibrated(Walks { photons: 2048, ..Walks::default() });
         let probes = in_memory::probes(&scene.mesh);
-        let settings = BakeSettings { model, probes, samples: Some(1000), ..BakeSettings::new(0.05) };
+        let settings = BakeSettings { model, probes, samples: Some(500), ..BakeSettings::new(0.05) };
         let asset = method.recipe(&[], settings).unwrap().bake(scene, Provenance::default(), &Silent).unwrap();
         let [mut cpu, mut gpu] = pair(&Arc::new(asset), &device);
-        for (index, lights) in lights().into_iter().enumerate() {
+        // Kernels do not know the lights: two sets of them, before and after an edit, are enough.
+        for (index, lights) in lights().into_iter().enumerate().skip(1).step_by(2) {
             let radiosity = |evaluator: &mut dyn Evaluator| {
                 evaluator.set_lights(lights.clone(), &Silent).unwrap();
                 if name == "editable" && index == 3 {

@@ -196,7 +196,7 @@ fn files_are_the_same_on_any_number_of_threads_and_off_is_the_default() {
         folder.run(&format!("{line} --no-measure --set inter-reflection=off -o off.ply")).ok();
         assert_eq!(folder.read("plain.ply"), folder.read("off.ply"));
         folder.run(&format!("bake {model} --method {method} {once} -o a.tlux")).ok();
-        for threads in [1, 2, 8] {
+        for threads in [1, 8] {
             folder.run(&format!("evaluate a.tlux {lights} --threads {threads} -q -o {threads}.ply")).ok();
             assert_eq!(folder.read("1.ply"), folder.read(&format!("{threads}.ply")), "{threads}");
         }
@@ -236,14 +236,12 @@ fn a_device_does_not_leave_it_out() {
             on_device::assert_same(method, &gpu, &cpu);
             assert!(off.iter().zip(&cpu).any(|(off, cpu)| cpu.x > 1.01 * off.x));
         }
-        for media in [["skin1", "wholemilk"], ["spectralon", "marble"]] {
-            let media: Vec<Medium> = media.map(medium).into();
-            let [cpu, gpu] = [cpu.as_mut(), gpu.as_mut() as &mut dyn Evaluator].map(|evaluator| {
-                evaluator.set_media(media.clone()).unwrap();
-                evaluator.radiosity(&Silent).unwrap()
-            });
-            on_device::assert_same(&format!("{method}, edited"), &gpu, &cpu);
-        }
+        let media: Vec<Medium> = ["skin1", "wholemilk"].map(medium).into();
+        let [cpu, gpu] = [cpu.as_mut(), gpu.as_mut() as &mut dyn Evaluator].map(|evaluator| {
+            evaluator.set_media(media.clone()).unwrap();
+            evaluator.radiosity(&Silent).unwrap()
+        });
+        on_device::assert_same(&format!("{method}, edited"), &gpu, &cpu);
     }
 }
 

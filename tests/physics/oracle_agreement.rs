@@ -23,11 +23,14 @@ use translux::scene::Scene;
 use translux::transport::irradiance::LightSampling;
 use translux::transport::near_rule::NearField;
 
-/// Compares `reference` and `two_pass` of some samples, or of their own choice, with the oracle at about 128 vertices under each light.
+/// Compares `reference` and `two_pass` of some samples, or of their own choice, with the oracle at about 128 vertices under each light,
+/// or at half as many under soft ones, whose radiosity varies slowly and takes the oracle several times as long.
 fn compare(name: &str, scene: &Scene, lights: &[(&str, Light)], samples: [Option<usize>; 2]) {
     let medium = truth_files::material(&scene.media[0].name);
+    let soft = |light: &Light| matches!(light, Light::Constant { .. } | Light::Area { .. } | Light::Environment { .. });
+    let most = if lights.iter().all(|(_, light)| soft(light)) { 64 } else { 128 };
     let vertices: Vec<usize> =
-        (0..scene.mesh.local_mm.len()).step_by(scene.mesh.local_mm.len().div_ceil(128)).collect();
+        (0..scene.mesh.local_mm.len()).step_by(scene.mesh.local_mm.len().div_ceil(most)).collect();
     let mut methods: Vec<(&str, f64, Box<dyn Evaluator>)> =
         [("reference", 2e-3, samples[0]), ("two_pass", 5e-3, samples[1])]
             .map(|(method, limit, samples)| (method, limit, open(method, scene.clone(), samples)))
@@ -56,9 +59,9 @@ fn compare(name: &str, scene: &Scene, lights: &[(&str, Light)], samples: [Option
     }
 }
 
-/// Samples enough for a fifth of what `reference` may err by, where its own choice is several times that many; `two_pass` chooses.
+/// Samples enough for two fifths of what `reference` may err by, where its own choice is several times that many; `two_pass` chooses.
 fn enough(material: &str) -> [Option<usize>; 2] {
-    [Some(if material == "spectralon" { 65_536 } else { 32_768 }), None]
+    [Some(if material == "spectralon" { 32_768 } else { 16_384 }), None]
 }
 
 fn head(material: &str) -> Scene {
@@ -120,7 +123,9 @@ fn elephant_of_skin_and_marble() {
         let point = probes::points(&scene.mesh, Half::Figures)[0].clone();
         let light =
             if material == "marble" { ("directional", directional(Half::Figures, index)) } else { ("point", point) };
-        compare("elephant", &scene, &[light], enough(material));
+        // As many as it chooses, which heads of both materials have it do.
+        let samples = [enough(material)[0], Some(32_768)];
+        compare("elephant", &scene, &[light], samples);
     }
 }
 
@@ -138,14 +143,19 @@ fn bunny(material: &str) -> Option<Scene> {
 
 #[test]
 fn bunny_under_probe_lights() {
-    for (material, index) in [("marble", Some(5)), ("skin1", None), ("spectralon", Some(0))] {
+    for material in ["skin1", "spectralon"] {
         let Some(scene) = bunny(material) else { return };
-        let lights = match index {
-            Some(index) => [("directional", directional(Half::Figures, index))],
-            None => [("point", probes::points(&scene.mesh, Half::Figures)[0].clone())],
+        let lights = match material {
+            "spectralon" => [("directional", directional(Half::Figures, 0))],
+            _ => [("point", probes::points(&scene.mesh, Half::Figures)[0].clone())],
         };
-        // tests/physics/truth.rs has it with the samples that `reference` chooses.
-        compare("bunny_3k", &scene, &lights, enough(material));
+        // tests/physics/truth.rs has it with the samples that `reference` chooses, and of marble.
+        let mut samples = enough(material);
+        if material == "spectralon" {
+            // What it chooses: that choice takes longer than the rest, and `head_of_spectralon` has it made.
+            samples[1] = Some(1 << 18);
+        }
+        compare("bunny_3k", &scene, &lights, samples);
     }
 }
 
@@ -235,7 +245,7 @@ fn hierarchy_keeps_the_asked_error() {
         };
         let (truth, _) = run(Far::AllPairs);
         for bound in [Bound::SolidAngle, Bound::Kernel] {
-            for asked in [0.02, 0.005, 0.001, 1e-4] {
+            for asked in [0.02, 0.001, 1e-4] {
                 let (values, mut evaluator) = run(Far::Hierarchical { error: asked, bound });
                 let ledger = evaluator.measured_error(&[], &Silent).unwrap();
                 let found = vertex_error(&values, &truth, &areas).rms;

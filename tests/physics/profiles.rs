@@ -24,7 +24,7 @@ fn csv() -> String {
 
 fn ball() -> (Folder, Mesh) {
     let folder = Folder::new();
-    let model = shapes::icosphere(4.0, 3);
+    let model = shapes::icosphere(4.0, 2);
     folder.obj("ball.obj", &model).write("measured.csv", csv());
     let (mesh, _) = Mesh::from_source(model, &Placement { mm_per_unit: 1.0 }).unwrap();
     (folder, mesh)

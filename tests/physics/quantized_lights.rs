@@ -56,7 +56,7 @@ fn radiosity_is_that_of_two_pass_within_the_promise() {
     let asset = bake(&scene, &PARALLEL, &[]);
     let mut evaluator = reopened(&asset);
     let mut lights = probes::directional(Half::Figures);
-    lights.truncate(6);
+    lights.truncate(3);
     lights.push(Light::directional(DVec3::new(1.0, 2.0, 3.0), DVec3::new(3.0, 2.0, 1.0)).unwrap());
     lights.extend([Light::constant(DVec3::new(0.5, 0.6, 0.7)).unwrap(), sky_light()]);
     for light in lights {
@@ -87,9 +87,7 @@ fn lights_add_up_and_threads_do_not_change_a_bit() {
         })
     };
     let first = run(1);
-    for threads in [2, 8] {
-        assert!(run(threads) == first, "{threads} threads");
-    }
+    assert!(run(8) == first, "8 threads");
     let mut evaluator = reopened(&Asset::from_bytes(&first.0).unwrap());
     let sun = Light::directional(DVec3::new(1.0, 1.0, 2.0), DVec3::ONE).unwrap();
     let alone = lit(evaluator.as_mut(), vec![sun.clone()]);
@@ -133,7 +131,8 @@ fn largest_step(evaluator: &mut dyn Evaluator) -> f64 {
     all.sort_unstable_by(f64::total_cmp);
     let scale = all[all.len() * 995 / 1000];
     let mut largest = 0.0f64;
-    for step in 1..400 {
+    // 25 degrees: directions of 200 lie 14 apart.
+    for step in 1..250 {
         let now = lit(evaluator, vec![light(step)]);
         let moved = now.iter().zip(&before).map(|(a, b)| (*a - *b).abs().max_element()).fold(0.0, f64::max);
         largest = largest.max(moved / scale);
@@ -182,7 +181,7 @@ fn damaged_sections_are_refused_or_harmless() {
         let tag = without.sections.remove(index).tag;
         assert_eq!(registry().open(Arc::new(without)).err().unwrap().code(), ExitCode::InvalidInput, "{tag}");
         let length = asset.sections[index].bytes.len();
-        for at in (0..length).step_by((length / 40).max(1)) {
+        for at in (0..length).step_by((length / 20).max(1)) {
             let mut changed = asset.clone();
             changed.sections[index].bytes[at] ^= 0x55;
             if let Ok(mut evaluator) = registry().open(Arc::new(changed))

@@ -23,7 +23,7 @@ use translux::progress::Silent;
 use translux::scene::Scene;
 use translux::transport::receivers::Sphere;
 
-const SAMPLES: usize = 3_000;
+const SAMPLES: usize = 1_500;
 const DIRECTIONS: &str = "100";
 
 /// Nearest shell unless it is set, in bounding radii.

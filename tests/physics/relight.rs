@@ -4,8 +4,9 @@
 
 use std::sync::Arc;
 
+use crate::baked::Shelf;
 use glam::DVec3;
-use translux::asset::Provenance;
+use translux::asset::{Asset, Provenance};
 use translux::evaluate::device::{Device, Uploaded};
 use translux::evaluate::{DeviceEvaluator, Evaluator};
 use translux::geometry::mesh::{Mesh, Placement};
@@ -68,11 +69,15 @@ fn ball() -> Scene {
     }
 }
 
+/// The evaluator of a scene, which is baked once.
 fn evaluator(scene: Scene) -> Box<dyn Evaluator> {
-    let mut recipe = methods::built_in().method("two_pass").unwrap().default_recipe().unwrap();
-    recipe.settings.samples = Some(2000);
-    let asset = recipe.bake(scene, Provenance::default(), &Silent).unwrap();
-    methods::built_in().open(Arc::new(asset)).unwrap()
+    static ASSETS: Shelf<Scene, Asset> = Shelf::new();
+    let asset = ASSETS.get(scene.clone(), || {
+        let mut recipe = methods::built_in().method("two_pass").unwrap().default_recipe().unwrap();
+        recipe.settings.samples = Some(2000);
+        recipe.bake(scene, Provenance::default(), &Silent).unwrap()
+    });
+    methods::built_in().open(asset).unwrap()
 }
 
 fn lights() -> Vec<Light> {
@@ -291,16 +296,19 @@ fn a_patch_of_an_environment_is_drawn_as_it_is_rendered() {
     let map = EnvironmentMap::new(width, height, pixels).unwrap();
     let lights = vec![Light::environment(Arc::new(map), 0.0, DVec3::ONE).unwrap()];
     let mut drawn = Drawn::of(ball(), device, &lights);
-    // There and back: the environment is blurred anew for each shape.
-    for specular in [Specular::default(), power(20.0), power(200.0), Specular::default()] {
+    let [wide, narrow, rough] = [power(20.0), power(200.0), Specular::default()].map(|specular| {
         let settings =
             RenderSettings { specular, background: Background::None, ..RenderSettings::new(camera, resolution) };
-        let frame = drawn.rendered(&lights, &settings);
+        (specular, drawn.rendered(&lights, &settings))
+    });
+    // There and back: the environment is blurred anew for each shape.
+    for (specular, frame) in [&rough, &wide, &narrow, &rough] {
+        let specular = *specular;
         let view = View { specular, background: Background::None, ..View::new(camera, resolution, 1.0) };
         let shining = drawn.take(&view);
         let dull = drawn.take(&View { specular: Specular::Off, ..view });
         let (mut difference, mut reflected) = (0.0, 0.0);
-        for (i, pixel) in frame.pixels.iter().enumerate().filter(|(i, _)| is_inside(&frame, *i)) {
+        for (i, pixel) in frame.pixels.iter().enumerate().filter(|(i, _)| is_inside(frame, *i)) {
             let found = f64::from(shining.pixels[i][1] - dull.pixels[i][1]);
             difference += (found - f64::from(pixel.specular[1])).abs();
             reflected += f64::from(pixel.specular[1]);

@@ -254,6 +254,10 @@ fn base_colours_of_a_model_lie_on_its_materials_in_render_and_relight() {
             assert!(near(at(x, y), [0.5 * r, g, b]), "{file} {x} {y}: {:?}", at(x, y));
         }
         assert!((90..150).all(|x| near(at(x, 40), [0.2, 0.4, 0.6])));
+        // What is shifted is a picture on a material as well.
+        if file == "plain" {
+            continue;
+        }
         for device in ["cpu", "auto"] {
             let line = format!("relight two.tlux {view} --exposure 0 --headless --frames 1 --device {device}");
             folder.run(&format!("{line} --texture base-colour:path={file}.gltf --out {file}-{device}")).ok();

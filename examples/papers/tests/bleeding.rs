@@ -36,7 +36,7 @@ fn reopened(asset: &Asset) -> Box<dyn Evaluator> {
 
 fn lights(scene: &Scene) -> Vec<Light> {
     let mut lights = probes::directional(Half::Figures);
-    lights.truncate(4);
+    lights.truncate(2);
     lights.push(Light::directional(DVec3::new(1.0, 2.0, 3.0), DVec3::new(3.0, 2.0, 1.0)).unwrap());
     lights.push(Light::constant(DVec3::new(0.5, 0.6, 0.7)).unwrap());
     lights.push(Light::environment(Arc::new(sky::sky()), 40.0, DVec3::new(1.0, 0.8, 0.5)).unwrap());
@@ -61,7 +61,7 @@ fn a_fine_mesh_gives_the_radiosity_of_two_pass() {
     let scene = scene(shapes::bumpy_head(1.0, 4), Scale::DiagonalMm(20.0), "marble");
     let asset = bake(&scene, 6_000, &[]).unwrap();
     let mut evaluator = reopened(&asset);
-    let mut truth = open("two_pass", scene.clone(), Some(24_000));
+    let mut truth = open("two_pass", scene.clone(), Some(16_000));
     for light in lights(&scene) {
         let found = worst(evaluator.as_mut(), truth.as_mut(), std::slice::from_ref(&light));
         let promised = evaluator.measured_error(&[], &Silent).unwrap().total_rms();
@@ -166,7 +166,7 @@ fn uneven_meshes_fail_and_the_ledger_says_so() {
     let error = |exponent: f64| {
         let scene = scene(graded_sphere(exponent), Scale::DiagonalMm(30.0), "marble");
         let asset = bake(&scene, 5_000, &[]).unwrap();
-        let mut truth = open("two_pass", scene.clone(), Some(20_000));
+        let mut truth = open("two_pass", scene.clone(), Some(12_000));
         let found = worst(reopened(&asset).as_mut(), truth.as_mut(), &lights(&scene));
         let promised = asset.ledger.entries[1].error.rms;
         println!("exponent {exponent}: {:.2} %, in the ledger {:.2} %", 100.0 * found, 100.0 * promised);
@@ -234,9 +234,7 @@ fn the_same_bytes_and_values_on_any_number_of_threads() {
         })
     };
     let first = run(1);
-    for threads in [2, 8] {
-        assert!(run(threads) == first, "{threads} threads");
-    }
+    assert!(run(8) == first);
 }
 
 #[test]
@@ -249,8 +247,9 @@ fn lists_beyond_reason_are_refused_before_the_work() {
     assert_eq!(error.code(), ExitCode::Unsupported);
     assert!(error.message().contains("40962 vertices") && error.message().contains("--set range-share"));
     // What an asset asks for is judged as well.
-    let small = bake(&scene, 1000, &[("range-share", "99%")]).unwrap();
-    let mut asset = small.clone();
+    let coarse = in_memory::scene(shapes::icosphere(1.0, 2), Scale::DiagonalMm(5.0), "skimmilk");
+    // Baked of few vertices, and of all of them as a file would have it: judged before the two are compared.
+    let mut asset = Asset { scene: scene.clone(), ..bake(&coarse, 1000, &[("range-share", "99%")]).unwrap() };
     let mut lists =
         translux_format::scattering_lists::ScatteringLists::from_sections(&asset.sections).unwrap().unwrap();
     lists.ranges_mm = vec![1e6];
@@ -258,6 +257,7 @@ fn lists_beyond_reason_are_refused_before_the_work() {
     asset.sections.extend(lists.to_sections().unwrap());
     let error = registry().open(Arc::new(asset)).err().unwrap();
     assert_eq!(error.code(), ExitCode::Unsupported, "{}", error.message());
+    assert!(error.message().contains("40962 vertices"), "{}", error.message());
 }
 
 #[test]

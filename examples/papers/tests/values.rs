@@ -85,7 +85,7 @@ fn every_encoding_keeps_its_promise_and_its_size() {
     let scene = head(4);
     let mut truth = open("two_pass", scene.clone(), Some(4 * SAMPLES));
     let mut lights = probes::directional(Half::Figures);
-    lights.truncate(5);
+    lights.truncate(2);
     lights.push(Light::directional(DVec3::new(1.0, 2.0, 3.0), DVec3::new(3.0, 2.0, 1.0)).unwrap());
     lights.extend([Light::constant(DVec3::new(0.5, 0.6, 0.7)).unwrap(), sky_light()]);
     let expected: Vec<Vec<DVec3>> = lights.iter().map(|l| lit(truth.as_mut(), vec![l.clone()])).collect();
@@ -330,10 +330,7 @@ fn threads_do_not_change_a_bit() {
                 (asset.to_bytes().unwrap(), values)
             })
         };
-        let first = run(1);
-        for threads in [2, 8] {
-            assert!(run(threads) == first, "{set:?}, {threads} threads");
-        }
+        assert!(run(1) == run(8), "{set:?}");
     }
 }
 

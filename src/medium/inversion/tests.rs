@@ -50,10 +50,12 @@ fn presets_come_back_from_their_colour_and_any_length() {
     let few = |name: &str| ["marble", "ketchup", "spectralon"].contains(&name);
     for (name, profile) in closed().into_iter().chain(tabulated()) {
         let is_quick = !matches!(name, "photon-beam" | "slab:thickness=1.5" | "layers" | "volume");
-        for preset in PRESETS.iter().filter(|p| is_quick || few(p.name)) {
+        for (turn, preset) in PRESETS.iter().filter(|p| is_quick || few(p.name)).enumerate() {
             let medium = preset.properties();
             let colour = profile.colour(&medium).unwrap();
-            for radius in Radius::ALL {
+            // What is slow has every length with one of these materials at least.
+            let with = |index: usize| is_quick || index % 3 == turn;
+            for radius in Radius::ALL.into_iter().enumerate().filter(|(index, _)| with(*index)).map(|(_, r)| r) {
                 // Without absorption there is no diffusion length.
                 if radius == Radius::DiffusionLength && medium.sigma_a_per_mm.min_element() == 0.0 {
                     continue;
@@ -140,8 +142,9 @@ fn every_colour_at_every_length_is_reached_or_the_nearest() {
 #[test]
 fn tables_reach_every_colour_or_the_nearest() {
     for (name, profile) in tabulated() {
-        for colour in COLOURS.into_iter().step_by(2) {
-            for radius in Radius::ALL {
+        for (turn, colour) in COLOURS.into_iter().step_by(2).enumerate() {
+            // Every length with every other colour.
+            for radius in Radius::ALL.into_iter().skip(turn % 2).step_by(2) {
                 let (colour, radius_mm) = (DVec3::from_array(colour), DVec3::new(0.1, 0.7, 3.0));
                 let target = Target { colour, radius, radius_mm, g: 0.0, eta_inside_over_outside: 1.3 };
                 assert_nearest(&profile, &target, &format!("{name} {target:?}"));

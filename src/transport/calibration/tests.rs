@@ -277,7 +277,7 @@ fn both_layers_are_integrated_over_triangles() {
 fn errors(scene: &TestScene) -> [f64; 2] {
     let domain = scene.domain();
     let light = Light::Directional { from: DVec3::new(0.6, 0.7, 0.3).normalize(), irradiance: DVec3::ONE };
-    let walked = exitance(domain, std::slice::from_ref(&light), Effort::Photons(150_000), 77, &Silent).unwrap();
+    let walked = exitance(domain, std::slice::from_ref(&light), Effort::Photons(100_000), 77, &Silent).unwrap();
     let walks = Walks { photons: 30_000, ..Walks::default() };
     let body = CalibratedSurface::new(domain, 8192, walks, &Silent).unwrap();
     let plain = CalibratedSurface::with(domain, 8192, Told::nothing(domain), &Silent).unwrap();

@@ -15,7 +15,7 @@ use crate::math::haar::Haar;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 use crate::parallel::*;
 use crate::progress::{Progress, in_tasks};
-use crate::transport::gather::{Gather, Lists, Lit, Scheme, Source};
+use crate::transport::gather::{Asked, Gather, Lists, Lit, Scheme, Source};
 use crate::transport::receivers::{Group, Receivers};
 use crate::transport::tree::SampleTree;
 use crate::transport::visibility::GROUP;
@@ -293,7 +293,9 @@ impl<'a> RowTree<'a> {
             });
             rows
         };
-        let chunks: Vec<IrradianceRows> = receivers.groups.par_chunks(16).map(chunk).collect();
+        // A few vertices keep all threads busy as well.
+        let together = (receivers.groups.len() / 64).clamp(1, 16);
+        let chunks: Vec<IrradianceRows> = receivers.groups.par_chunks(together).map(chunk).collect();
         progress.finish();
         super::join(of_channels(side), chunks)
     }
@@ -312,7 +314,7 @@ impl<'a> RowTree<'a> {
         let mut vector = vec![[0.0f32; 3]; size];
         for group in groups {
             sums.fill([0.0; LANES]);
-            self.gather.weights(receivers, *group, lit, scheme, &mut lists, &mut |source, weights| {
+            self.gather.weights(receivers, *group, lit, Asked::All(scheme), &mut lists, &mut |source, weights| {
                 let mut lanes = [0.0f32; LANES];
                 lanes.iter_mut().zip(weights.as_flattened()).for_each(|(lane, w)| *lane = *w);
                 let (places, values) = match source {

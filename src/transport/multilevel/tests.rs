@@ -67,7 +67,7 @@ fn the_asked_error_is_kept_in_any_medium() {
         let (irradiance, pieces) = lit(&fixture, DVec3::new(1.0, 0.5, 0.3));
         let (kernels, lit) = (kernels(&fixture), (irradiance.as_slice(), &pieces));
         let truth = all_pairs(&fixture, &kernels, lit);
-        for asked in [0.02, 0.005, 0.001] {
+        for asked in [0.02, 0.001] {
             let found = worst_rms(&by_nets(&fixture, &kernels, lit, tuned(&fixture, asked)), &truth);
             assert!(found <= asked, "{material}: {found:.1e} where {asked} was asked");
         }
@@ -141,6 +141,8 @@ fn double_layers_are_summed_over_nets_of_their_own() {
         let factors = calibrated.of_samples(&surface);
         let (irradiance, pieces) = lit(&fixture, DVec3::new(1.0, 0.5, 0.3));
         let areas = vec![1.0; receivers.len()];
+        // All pairs of 40,000 samples take long.
+        let (subset, points) = receivers.probe_points(&areas, (400, 2));
         let of_lights = [(irradiance.clone(), pieces.clone())];
         let all = (&surface, std::slice::from_ref(&calibrated.kernels));
         let quality = SurfaceNets::tuned(all, (&receivers, &areas), &of_lights, 0.005).quality();
@@ -148,7 +150,8 @@ fn double_layers_are_summed_over_nets_of_their_own() {
         let (kernels, of_part) = &calibrated.kernels;
         let summed = |kernels: &[MediumKernel]| {
             let light = SampleLight::new(&irradiance, &pieces).with_factors(&factors);
-            nets.radiosity(&surface, &nets.tables(&surface, &receivers, (kernels, of_part)), light, (&receivers, None))
+            let tables = nets.tables(&surface, &receivers, (kernels, of_part));
+            points.of(&nets.radiosity(&surface, &tables, light, (&receivers, Some(&points.indices))))
         };
         assert_eq!(nets.resolve((kernels, of_part)), resolved, "{samples}");
         if !resolved {
@@ -156,7 +159,7 @@ fn double_layers_are_summed_over_nets_of_their_own() {
         }
         let gather = Gather::calibrated(&surface, &fixture.tree, (&calibrated.kernels, &factors), NearField::REFERENCE);
         let lit = gather.light_with_pieces(&irradiance, &pieces);
-        let truth = gather.radiosity(&receivers, &lit, Scheme::AllPairs, &Silent);
+        let truth = gather.radiosity(&subset, &lit, Scheme::AllPairs, &Silent);
         let found = worst_rms(&summed(kernels), &truth);
         let reach = fixture.scene.mesh.diagonal_mm();
         let single = kernels.iter().map(|k| MediumKernel::of_profiles(k.profiles().clone(), reach)).collect::<Vec<_>>();
