@@ -189,12 +189,14 @@ impl Recipe {
         let samples_stored = self.settings.samples_stored;
         let mut asset =
             Asset { scene, samples: parts.samples, samples_stored, provenance, ledger: parts.ledger, sections };
-        if matches!(self.settings.model, Model::Calibrated(_)) && self.settings.tells_model {
+        if let Model::Calibrated(calibration) = self.settings.model
+            && self.settings.tells_model
+        {
             let walks = match &self.settings.walks {
                 Some(walks) => Some(Arc::clone(walks)),
                 // No part that walks could calibrate is one that they could tell the error of.
                 None if !any_is_calibrated(&asset)? => None,
-                None => ModelWalks::new(&asset.scene, self.settings.model, progress)?.map(Arc::new),
+                None => ModelWalks::new(&asset.scene, calibration.photons, progress)?.map(Arc::new),
             };
             if let Some(walks) = walks {
                 let finished = Arc::new(asset.clone());

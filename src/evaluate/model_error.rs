@@ -4,7 +4,6 @@ use glam::DVec3;
 
 use super::evaluator::Evaluator;
 use super::exitance::MeshPoint;
-use super::form::Model;
 use crate::compress::ledger::{Ledger, MODEL};
 use crate::error::{ExitCode, Result};
 use crate::light::Light;
@@ -15,7 +14,7 @@ use crate::transport::random_walk::exitance::{Effort, Exitance, Walkable};
 use crate::transport::random_walk::model_error::{over_places, points_of_a_triangle, project, project_points};
 use crate::transport::random_walk::tally::Hats;
 
-/// Photons of each channel, light and half; no more than what is judged was calibrated by.
+/// Photons of each channel, light and half, at most.
 const PHOTONS: u64 = 40_000;
 
 /// Places of the surface that light is compared at: few, so that few walks are enough.
@@ -32,15 +31,12 @@ const POINTS: usize = 8192;
 pub struct ModelWalks(Vec<(Light, [Exitance; 2])>);
 
 impl ModelWalks {
-    /// Walks through a scene that tell the error of a model; none where a part lets light out, which walks refuse.
+    /// Walks through a scene, of no more photons than the calibration that they judge; none where a part lets light out, which walks refuse.
     ///
     /// # Errors
     /// Failures of the walks.
-    pub fn new(scene: &Scene, model: Model, progress: &dyn Progress) -> Result<Option<Self>> {
-        let photons = match model {
-            Model::Calibrated(walks) => PHOTONS.min(walks.photons),
-            Model::Dipole => PHOTONS,
-        };
+    pub fn new(scene: &Scene, photons: u64, progress: &dyn Progress) -> Result<Option<Self>> {
+        let photons = photons.min(PHOTONS);
         let sun = Light::Directional { from: DVec3::new(0.5, 0.8, 0.4).normalize(), irradiance: DVec3::ONE };
         let walkable = Walkable::new(scene.domain());
         let mut all = Vec::new();

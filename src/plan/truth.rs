@@ -249,12 +249,10 @@ pub(super) struct Inside {
 
 impl Inside {
     pub(super) fn new(model: Model, scene: &Scene, progress: &dyn Progress) -> Result<Self> {
-        if model == Model::Dipole {
-            return Ok(Self::default());
-        }
+        let Model::Calibrated(calibration) = model else { return Ok(Self::default()) };
         let settings = BakeSettings { model, samples: Some(1), ..BakeSettings::new(1.0) };
         let kernels = Form::bake(&ALL_PAIRS, scene, &settings, progress)?.sections;
-        let walks = ModelWalks::new(scene, model, progress)?.map(Arc::new);
+        let walks = ModelWalks::new(scene, calibration.photons, progress)?.map(Arc::new);
         let (error, sums) = match &walks {
             Some(walks) => {
                 let mut sums = Sums::new(scene, SAMPLES_OF_A_MODEL, &OF_A_MODEL, &kernels)?;

@@ -13,7 +13,7 @@ fn prepared_edits_are_those_of_a_fresh_evaluator() {
     let scene = Shared::Group.scene();
     let areas = vertex_areas(&scene);
     // From everywhere, sharp, and unlike from every side.
-    let lights = every_light_but(&[LightKind::Point, LightKind::Spot], &scene);
+    let lights = every_light_but(&[LightKind::Area, LightKind::Spot], &scene);
     for method in every() {
         let lights = served(method, &lights);
         let mut plain = Shared::Group.baked(method);

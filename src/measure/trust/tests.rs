@@ -137,8 +137,7 @@ fn the_map_ranks_vertices_as_unseen_lights_do() {
         let truths = truths_of_head.get_or_insert_with(|| truths(evaluator.as_mut(), &asset));
         let truth = measured(evaluator.as_mut(), &asset, truths);
         let mut subject = subject(evaluator.as_mut(), &asset);
-        // Half of those of a map that is not a test.
-        let lights = probe_lights(&mut subject).unwrap().into_iter().step_by(2).collect();
+        let lights = probe_lights(&mut subject).unwrap();
         let map =
             measure(subject, (lights, asset.scene.clone()), (SAMPLES_OF_TRUTH, Far::AllPairs, false), &Silent).unwrap();
         let found = rank_correlation(&expected(&map), &truth);
