@@ -80,15 +80,6 @@ pub enum Source {
     Patch(u32),
 }
 
-/// Sources that weights are asked for.
-#[derive(Clone, Copy)]
-pub(in crate::transport) enum Asked<'a> {
-    /// All, organised like that.
-    All(Scheme),
-    /// Some of [`Gather::sources`].
-    These(&'a [Source]),
-}
-
 /// Sources that one group of receivers sees, and their sums.
 #[derive(Default)]
 pub(in crate::transport) struct Lists {
@@ -260,33 +251,40 @@ impl<'a> Gather<'a> {
 
     /// Sources of each group of receivers under a scheme, in the order in which [`Self::radiosity`] sums them.
     pub fn sources(&self, receivers: &Receivers, lit: &Lit, scheme: Scheme) -> Vec<Vec<Source>> {
-        let of_group = |group: &Group| {
-            let mut sources = Vec::new();
-            let sphere = receivers.sphere(*group);
-            let part = group.part as usize;
-            if let Some(medium) = self.medium(part) {
-                self.visit(part, lit, medium, scheme, &sphere, &mut |source| sources.push(source));
-            }
-            sources
-        };
-        receivers.groups.par_iter().map(of_group).collect()
+        receivers.groups.par_iter().map(|group| self.sources_of(receivers, *group, lit, scheme)).collect()
     }
 
-    /// Passes the sources of a light that are asked for to `take`, with the radiosity, RGB, that it brings each receiver of a group for a
+    /// Sources of one group of receivers under a scheme.
+    pub(in crate::transport) fn sources_of(
+        &self,
+        receivers: &Receivers,
+        group: Group,
+        lit: &Lit,
+        scheme: Scheme,
+    ) -> Vec<Source> {
+        let mut sources = Vec::new();
+        let (sphere, part) = (receivers.sphere(group), group.part as usize);
+        if let Some(medium) = self.medium(part) {
+            self.visit(part, lit, medium, scheme, &sphere, &mut |source| sources.push(source));
+        }
+        sources
+    }
+
+    /// Passes sources of a light to `take`, each with the radiosity, RGB, that it brings every receiver of a group for a
     /// flux of 1 (clusters) or an irradiance of 1 (samples) before any factors.
     pub(in crate::transport) fn weights(
         &self,
         receivers: &Receivers,
         group: Group,
         lit: &Lit,
-        asked: Asked,
+        sources: &[Source],
         lists: &mut Lists,
         take: &mut impl FnMut(Source, &[[f32; 3]]),
     ) {
-        let Some((part, medium, sphere)) = self.begin(receivers, group, lists) else { return };
+        let Some((_, medium, sphere)) = self.begin(receivers, group, lists) else { return };
         let mut weights = vec![[0.0; 3]; group.run.range().len()];
         let of_receivers: Vec<DVec3> = group.run.range().map(|i| receivers.factor(i)).collect();
-        let mut weigh = |source: Source| {
+        for &source in sources {
             match source {
                 Source::Cluster(index) => {
                     let Cluster { centre_mm, flux, .. } = lit.clusters[index as usize];
@@ -296,7 +294,7 @@ impl<'a> Gather<'a> {
                         lists.sources.moments.push(Moment::new([of(0), of(1), of(2)]));
                     }
                 }
-                Source::Patch(index) if lit.light.irradiance(index as usize) == DVec3::ZERO => return,
+                Source::Patch(index) if lit.light.irradiance(index as usize) == DVec3::ZERO => continue,
                 Source::Patch(index) => {
                     let (index, layered) = (index as usize, medium.layers().is_some());
                     let how = (self.pieces(index, medium, &sphere), layered, sphere.centre_mm);
@@ -316,10 +314,6 @@ impl<'a> Gather<'a> {
                 }
             }
             take(source, &weights);
-        };
-        match asked {
-            Asked::All(scheme) => self.visit(part, lit, medium, scheme, &sphere, &mut weigh),
-            Asked::These(sources) => sources.iter().for_each(|&source| weigh(source)),
         }
     }
 

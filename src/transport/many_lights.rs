@@ -8,7 +8,7 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::gather::{Asked, Criterion, Gather, Scheme, Source};
+use super::gather::{Criterion, Gather, Scheme, Source};
 use super::receivers::{Group, ProbePoints, Receivers};
 use super::tree::SampleTree;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion};
@@ -84,8 +84,10 @@ const SOURCES: usize = 64;
 /// Stride from one block of columns to the next: one more, because rows a page apart push each other out of the cache.
 const STRIDE: usize = SOURCES + 1;
 
-/// Groups of receivers below which the sources of each are shared among threads, so many a job.
+/// Groups of receivers below which threads share the sources of each.
 const FEW_GROUPS: usize = 16;
+
+/// Sources that are summed by one thread, before their sums are added.
 const SOURCES_OF_A_JOB: usize = 4096;
 
 /// Rows of a block: channels of receivers, as many as keep their sums in the 16 registers of AVX2.
@@ -201,44 +203,50 @@ impl<'a> ManyLights<'a> {
         let (lights, columns, flux) = (rows.lights, rows.columns(), &shared.flux);
         let lit = self.gather.light(&shared.mean);
         let mut values = vec![0.0; receivers.len() * 3 * lights];
-        let of_sources = |work: &mut Work, group: Group, asked: Asked, out: &mut [f32]| {
+        // Sums over some sources, which are added in order: the same bits, whether threads share the groups or the sources of one.
+        let of_sources = |work: &mut Work, group: Group, sources: &[Source]| {
             let members = group.run.range().len();
             work.block.begin(members, lights, rows.channels());
             let row = |source: Source| match source {
                 Source::Cluster(node) => &flux[node as usize * columns..(node as usize + 1) * columns],
                 Source::Patch(sample) => &rows.values[sample as usize * columns..(sample as usize + 1) * columns],
             };
-            self.gather.weights(receivers, group, &lit, asked, &mut work.lists, &mut |source, weights| {
+            self.gather.weights(receivers, group, &lit, sources, &mut work.lists, &mut |source, weights| {
                 work.block.push(weights, row(source));
                 if work.block.sources == SOURCES {
                     work.block.multiply(self.level);
                 }
             });
             work.block.multiply(self.level);
-            work.block.store(members, out);
+        };
+        let of_group = |work: &mut Work, (group, out): (&Group, &mut [f32])| {
+            let members = group.run.range().len();
+            for some in self.gather.sources_of(receivers, *group, &lit, scheme).chunks(SOURCES_OF_A_JOB) {
+                of_sources(work, *group, some);
+                work.block.add_to(members, out);
+            }
+            progress.advance(members as u64);
         };
         if receivers.groups.len() < FEW_GROUPS {
             // The eight corners of a cube are one group.
-            let sources = self.gather.sources(receivers, &lit, scheme);
-            let groups = receivers.groups.iter().zip(&sources).zip(receivers.cut(&mut values, 3 * lights));
-            for ((group, sources), out) in groups {
+            for (group, out) in receivers.groups.iter().zip(receivers.cut(&mut values, 3 * lights)) {
+                let members = group.run.range().len();
                 let of_some = |work: &mut Work, some: &[Source]| {
                     let mut sums = vec![0.0; out.len()];
-                    of_sources(work, *group, Asked::These(some), &mut sums);
+                    of_sources(work, *group, some);
+                    work.block.add_to(members, &mut sums);
                     sums
                 };
+                let sources = self.gather.sources_of(receivers, *group, &lit, scheme);
                 let jobs = sources.par_chunks(SOURCES_OF_A_JOB);
                 let sums: Vec<Vec<f32>> = jobs.map_init(Work::default, of_some).collect();
                 sums.iter().for_each(|sums| out.iter_mut().zip(sums).for_each(|(out, sum)| *out += sum));
-                progress.advance(group.run.range().len() as u64);
+                progress.advance(members as u64);
             }
             return RadiosityRows { lights, values };
         }
         let jobs = receivers.groups.par_iter().zip(receivers.cut(&mut values, 3 * lights));
-        jobs.for_each_init(Work::default, |work, (group, out)| {
-            of_sources(work, *group, Asked::All(scheme), out);
-            progress.advance(group.run.range().len() as u64);
-        });
+        jobs.for_each_init(Work::default, of_group);
         RadiosityRows { lights, values }
     }
 }
@@ -353,12 +361,12 @@ impl Product {
         self.sources = 0;
     }
 
-    /// Copies the sums to the layout of [`RadiosityRows`].
-    fn store(&self, members: usize, out: &mut [f32]) {
+    /// Adds the sums to some in the layout of [`RadiosityRows`].
+    fn add_to(&self, members: usize, out: &mut [f32]) {
         for (index, out) in out.chunks_exact_mut(self.lights.max(1)).enumerate().take(3 * members) {
             let row = if self.parts == 1 { index } else { index % 3 * self.rows + index / 3 };
             let at = row * self.columns;
-            out.copy_from_slice(&self.sums[at..at + self.lights]);
+            out.iter_mut().zip(&self.sums[at..at + self.lights]).for_each(|(out, sum)| *out += sum);
         }
     }
 }

@@ -15,7 +15,7 @@ use crate::math::haar::Haar;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 use crate::parallel::*;
 use crate::progress::{Progress, in_tasks};
-use crate::transport::gather::{Asked, Gather, Lists, Lit, Scheme, Source};
+use crate::transport::gather::{Gather, Lists, Lit, Scheme, Source};
 use crate::transport::receivers::{Group, Receivers};
 use crate::transport::tree::SampleTree;
 use crate::transport::visibility::GROUP;
@@ -314,7 +314,8 @@ impl<'a> RowTree<'a> {
         let mut vector = vec![[0.0f32; 3]; size];
         for group in groups {
             sums.fill([0.0; LANES]);
-            self.gather.weights(receivers, *group, lit, Asked::All(scheme), &mut lists, &mut |source, weights| {
+            let sources = self.gather.sources_of(receivers, *group, lit, scheme);
+            self.gather.weights(receivers, *group, lit, &sources, &mut lists, &mut |source, weights| {
                 let mut lanes = [0.0f32; LANES];
                 lanes.iter_mut().zip(weights.as_flattened()).for_each(|(lane, w)| *lane = *w);
                 let (places, values) = match source {
