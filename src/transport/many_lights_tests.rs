@@ -152,3 +152,24 @@ fn nothing_gives_nothing() {
         assert_eq!((many.radiosity(&none, &Silent).values.len(), receivers.is_empty()), (0, false));
     });
 }
+
+/// A shard has few receivers and a bake many: threads share the sources of a group there, and the groups here.
+#[test]
+fn a_few_receivers_have_the_same_bits_as_among_all() {
+    let fixture = Fixture::new(shapes::bumpy_head(10.0, 3), named("marble"), 3 * SOURCES_OF_A_JOB);
+    let (rows, _) = rows(&fixture, &lights(5));
+    with_many(&fixture, |many, _, receivers| {
+        let all = many.radiosity(&rows, &Silent);
+        // Groups one after the other, as they are among all.
+        let groups = FEW_GROUPS / 2;
+        let count = receivers.groups[..groups].iter().map(|group| group.run.range().len()).sum::<usize>();
+        let mut few = receivers.clone();
+        few.groups.truncate(groups);
+        assert!(receivers.groups.len() > FEW_GROUPS && count > 1);
+        let areas = vec![1.0; few.len()];
+        let found = many.towards(&few, &areas).radiosity(&rows, &Silent);
+        let size = 3 * rows.lights;
+        assert!(found.values[..count * size] == all.values[..count * size]);
+        assert!(all.values[..count * size].iter().any(|v| *v > 0.0));
+    });
+}
