@@ -8,7 +8,7 @@ use super::console::{Console, in_range};
 use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::keys::share;
-use crate::evaluate::{BakeSettings, Model, Recipe};
+use crate::evaluate::{BakeSettings, Model, Probes, Recipe};
 use crate::forms::gathered::uncalibrated;
 use crate::import::Imported;
 use crate::light::LightKind;
@@ -108,14 +108,26 @@ pub(super) fn light_kinds(text: &str) -> Result<BTreeSet<LightKind>> {
 }
 
 /// Bakes an imported model; the memory is checked before.
-pub(super) fn bake(mut recipe: Recipe, imported: Imported, console: &Console) -> Result<Asset> {
+pub(super) fn bake(recipe: Recipe, imported: Imported, console: &Console) -> Result<Asset> {
+    let probes = for_bake(&imported.scene.mesh);
+    bake_with(recipe, imported, probes, console)
+}
+
+/// The same without the errors that no choice needs, which take as long as all else.
+pub(super) fn bake_unmeasured(mut recipe: Recipe, imported: Imported, console: &Console) -> Result<Asset> {
+    recipe.settings.tells_model = false;
+    let probes = Probes { unseen: Vec::new(), ..for_bake(&imported.scene.mesh) };
+    bake_with(recipe, imported, probes, console)
+}
+
+fn bake_with(mut recipe: Recipe, imported: Imported, probes: Probes, console: &Console) -> Result<Asset> {
     let Imported { scene, origin, .. } = imported;
     let advice = match largest_fit(&recipe, &scene, console.free_memory()) {
         Some(fitting) => format!("--samples {fitting} would fit, or raise --max-memory"),
         None => "no number of samples would fit, raise --max-memory".to_owned(),
     };
     console.check_memory(recipe.bake_memory(&scene), &advice)?;
-    recipe.settings.probes = for_bake(&scene.mesh);
+    recipe.settings.probes = probes;
     let asset = recipe.bake(scene, origin.into(), console)?;
     for part in uncalibrated(&asset) {
         console.warn(&format!("part `{part}` is not closed: it keeps its dipole, which needs no volume"));

@@ -20,7 +20,6 @@ use crate::import::materials::MaterialChoice;
 use crate::import::{ImportOptions, Source};
 use crate::io::atomic;
 use crate::measure::probes::by_stage;
-use crate::measure::refine::Refine;
 use crate::medium::inversion::Reflector;
 use crate::medium::material_file::Chosen;
 use crate::render::background::Background;
@@ -138,7 +137,7 @@ fn bake(console: &Console) -> Result<Vec<u8>> {
         materials: MaterialChoice::plain(MATERIALS[0]),
         ..ImportOptions::default()
     };
-    let mut imported = model::import(Source { model, inputs: Vec::new() }, &options, Refine::Off, console)?;
+    let mut imported = model::import(Source { model, inputs: Vec::new() }, &options, None, console)?;
     imported.origin.source_unit = "built-in model".to_owned();
     baking::bake(recipe, imported, console)?.to_bytes()
 }

@@ -121,7 +121,15 @@ pub(super) fn tell(looks: &[AskedLook], console: &Console) {
 /// Tells what became of materials of which only the file speaks, a line each.
 pub(super) fn tell_from_file(materials: &[FromFile], console: &Console) {
     let triple = |v: DVec3| v.to_array().map(significant).join(" ");
-    for FromFile { name, chosen, source, albedo_and_colour, .. } in materials {
+    let guessed: Vec<&str> = materials.iter().filter(|m| m.is_guessed()).map(|m| m.name.as_str()).collect();
+    if let [first, ..] = guessed[..] {
+        console.note(&format!(
+            "MATERIAL {}: guessed, since neither the file nor an option says what it is made of; --material '{first}=marble' or another of \
+             `translux materials` says it",
+            guessed.join(", ")
+        ));
+    }
+    for FromFile { name, chosen, source, albedo_and_colour, .. } in materials.iter().filter(|m| !m.is_guessed()) {
         let (Some(chosen), Some(source)) = (chosen, source) else {
             console.note(&format!(
                 "MATERIAL {name}: opaque, as the file says nothing of its inside (--material '{name}=wax' makes it a medium, --skip '{name}' \
@@ -185,7 +193,7 @@ impl MediumArgs {
             ..Overrides::default()
         };
         let look = Look { colour: self.color, radius_mm: self.radius_mm, radius: self.radius_convention };
-        MaterialChoice { texts: self.material.clone(), overrides, look, reflector }
+        MaterialChoice { texts: self.material.clone(), overrides, look, reflector, guess: false }
     }
 }
 

@@ -42,6 +42,7 @@ mod render;
 mod schemas;
 mod shards;
 mod sheet;
+mod unbaked;
 mod validate;
 mod view;
 

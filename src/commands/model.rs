@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use glam::DVec3;
 
 use super::console::Console;
-use super::media::{MediumArgs, tell, tell_from_file};
+use super::media::{MediumArgs, tell, tell_from_file, without_transport};
 use crate::error::Result;
 use crate::geometry::mesh::{Scale, UpAxis};
 use crate::geometry::parts::PartsRule;
@@ -48,9 +48,10 @@ pub(super) struct PlacementArgs {
     /// Length of one unit of the model
     #[arg(long, group = "scale")]
     unit: Option<Unit>,
-    /// Scale the model so that the diagonal of its bounding box is this long, in mm
-    #[arg(long, group = "scale", value_name = "MM", allow_negative_numbers = true)]
-    size_mm: Option<f64>,
+    #[arg(long, group = "scale", value_name = "MM", allow_negative_numbers = true, help = format!(
+        "Scale the model so that the diagonal of its bounding box is this long, in mm; an asset likewise, with lights where they are. {}",
+        without_transport()))]
+    pub(super) size_mm: Option<f64>,
     /// Scale the model so that it is this high, in mm
     #[arg(long, group = "scale", value_name = "MM", allow_negative_numbers = true)]
     height_mm: Option<f64>,
@@ -90,12 +91,18 @@ impl ModelArgs {
     pub(super) fn load(&self, reflector: Reflector, console: &Console) -> Result<Imported> {
         let options = self.options(reflector);
         let source = Source::read(&self.model, &options.materials, console)?;
-        import(source, &options, self.refine, console).map_err(|e| e.in_file(&self.model))
+        import(source, &options, Some(self.refine), console).map_err(|e| e.in_file(&self.model))
     }
 }
 
-/// Makes a scene of a source, refined as asked for, and prints warnings and notes. Colours are inverted through dipoles where no part is closed, which keep theirs.
-pub(super) fn import(mut source: Source, options: &ImportOptions, how: Refine, console: &Console) -> Result<Imported> {
+/// Makes a scene of a source, refined as asked for, and prints warnings and notes. Colours are inverted through dipoles where no part is
+/// closed, which keep theirs. Without a word on refinement nobody is told how coarse the mesh is.
+pub(super) fn import(
+    mut source: Source,
+    options: &ImportOptions,
+    how: Option<Refine>,
+    console: &Console,
+) -> Result<Imported> {
     // Before the import, which may fail for what they tell.
     std::mem::take(&mut source.model.warnings).iter().for_each(|warning| console.warn(warning));
     let again = (options.materials.reflector == Reflector::Volume).then(|| source.clone());
@@ -110,7 +117,9 @@ pub(super) fn import(mut source: Source, options: &ImportOptions, how: Refine, c
     }
     imported.check.faults().iter().for_each(|fault| console.fault(fault));
     imported.check.warnings().iter().for_each(|warning| console.warn(warning));
-    refine_mesh(&mut imported, how, console)?;
+    if let Some(how) = how {
+        refine_mesh(&mut imported, how, console)?;
+    }
     imported.warnings.iter().for_each(|warning| console.warn(warning));
     tell_from_file(&imported.from_file, console);
     tell(&imported.looks, console);
@@ -173,6 +182,18 @@ fn name(value: impl ValueEnum) -> Option<String> {
 }
 
 impl PlacementArgs {
+    /// The first of the options that was typed and is of models alone; an asset has a size, which may be another.
+    pub(super) fn given_of_model(&self) -> Option<&'static str> {
+        let given = [
+            ("--unit", self.unit.is_some()),
+            ("--height-mm", self.height_mm.is_some()),
+            ("--parts", self.parts != PartsRule::default()),
+            ("--opaque", !self.opaque.is_empty()),
+            ("--skip", !self.skip.is_empty()),
+        ];
+        given.into_iter().find(|(_, is_given)| *is_given).map(|(option, _)| option)
+    }
+
     /// The options as they were typed.
     pub(super) fn words(&self) -> Vec<String> {
         let list = |names: &[String]| (!names.is_empty()).then(|| names.join(","));

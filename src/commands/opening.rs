@@ -8,11 +8,13 @@ use clap::Args;
 use translux_format::{Budget, Excerpt};
 
 use super::console::Console;
-use super::media::{MediumArgs, ProfileArg, tell, without_transport};
+use super::media::{MediumArgs, ProfileArg, tell};
+use super::model::PlacementArgs;
+use super::unbaked::{self, Purpose, Unbaked, is_model};
 use crate::asset::{Asset, Provenance};
 use crate::error::{Error, Result};
 use crate::evaluate::{Evaluator, Registry};
-use crate::import::materials::SceneMedia;
+use crate::import::materials::{MaterialChoice, SceneMedia};
 use crate::medium::inversion::Reflector;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::report::radiosity_ply::{DIPOLE, model_of};
@@ -21,15 +23,17 @@ use crate::report::text::significant;
 /// An asset and its materials.
 #[derive(Clone, Debug, Args)]
 pub(super) struct AssetArgs {
-    /// Asset
+    #[arg(help = unbaked::HELP)]
     pub(super) asset: PathBuf,
+    /// The asset of a model.
+    #[arg(skip)]
+    unbaked: Unbaked,
     #[command(flatten)]
     media: MediumArgs,
     #[command(flatten)]
     profile: ProfileArg,
-    #[arg(long, value_name = "MM", allow_negative_numbers = true, help_heading = "Size", help = format!(
-        "Another size of the object: its diagonal in mm; lights stay where they are. {}", without_transport()))]
-    size_mm: Option<f64>,
+    #[command(flatten)]
+    placement: PlacementArgs,
 }
 
 /// An asset with its evaluator.
@@ -82,14 +86,37 @@ impl AssetArgs {
         self.open_beside(console).map(|(opened, _)| opened)
     }
 
+    /// The same arguments; a model is baked for frames.
+    pub(super) fn for_frames(&self) -> Self {
+        Self { unbaked: Unbaked::new(Purpose::Frames), ..self.clone() }
+    }
+
+    /// The model whose base colours lie over media that were guessed, once it has been opened.
+    pub(super) fn base_colours(&self) -> Option<&Path> {
+        self.unbaked.base_colours()
+    }
+
     /// The same with the asset beside it, for whoever measures its error.
     pub(super) fn open_beside(&self, console: &Console) -> Result<(Opened, Arc<Asset>)> {
-        check_file(&self.asset, 1, console)?;
-        let asset = Arc::new(console.stage("open", || self.read(&console.registry, &self.asset, console.budget()))?);
+        let is_model = is_model(&self.asset);
+        let asset = if is_model {
+            self.baked(console)?
+        } else {
+            if let Some(option) = self.placement.given_of_model() {
+                let asset = self.asset.display();
+                return Err(Error::command_line(format!(
+                    "{asset}: {option} is of models; an asset has it since its bake"
+                )));
+            }
+            check_file(&self.asset, 1, console)?;
+            console.stage("open", || self.read(&console.registry, &self.asset, console.budget()))?
+        };
         let mut evaluator = within_memory(console)(&asset, &self.asset)?;
         let is_walked = !self.profile.is_given() && model_of(&asset.provenance) != DIPOLE;
         let reflector = if is_walked { Reflector::Volume } else { self.profile.reflector()? };
-        if let Some(SceneMedia { media, looks }) = self.media.choice(reflector).of_scene(evaluator.scene())? {
+        // A model was baked with them.
+        let choice = if is_model { MaterialChoice::default() } else { self.media.choice(reflector) };
+        if let Some(SceneMedia { media, looks }) = choice.of_scene(evaluator.scene())? {
             evaluator.set_media(media)?;
             tell(&looks, console);
         }
@@ -102,10 +129,21 @@ impl AssetArgs {
         self.profile.is_given().then(|| self.profile.model()?.load()).transpose()
     }
 
+    /// Bakes the model that stands in the place of an asset.
+    fn baked(&self, console: &Console) -> Result<Arc<Asset>> {
+        let has_profile = self.profile.is_given();
+        let reflector = if has_profile { self.profile.reflector()? } else { Reflector::Volume };
+        let options = self.placement.options(self.media.choice(reflector));
+        self.unbaked.bake(&self.asset, (options, has_profile), console)
+    }
+
     /// Reads an asset; the asset of these arguments is resized where another size is asked for.
-    fn read(&self, registry: &Registry, path: &Path, budget: Budget) -> Result<Asset> {
+    fn read(&self, registry: &Registry, path: &Path, budget: Budget) -> Result<Arc<Asset>> {
+        if let Some(asset) = self.unbaked.asset().filter(|_| path == self.asset) {
+            return Ok(asset);
+        }
         let asset = Asset::read_within(path, budget)?;
-        let Some(size_mm) = self.size_mm.filter(|_| path == self.asset) else { return Ok(asset) };
+        let Some(size_mm) = self.placement.size_mm.filter(|_| path == self.asset) else { return Ok(Arc::new(asset)) };
         if registry.form(&asset).map_err(|e| e.in_file(path))?.holds_transport() {
             let (path, baked) = (path.display(), asset.scene.mesh.diagonal_mm());
             return Err(Error::unsupported(format!(
@@ -115,7 +153,7 @@ impl AssetArgs {
                 significant(baked)
             )));
         }
-        asset.resized(size_mm)
+        asset.resized(size_mm).map(Arc::new)
     }
 }
 
@@ -134,7 +172,7 @@ impl AssetArgs {
         path: &Path,
         profile: Option<&LoadedProfile>,
     ) -> Result<(Box<dyn Evaluator>, Arc<Asset>)> {
-        let asset = Arc::new(self.read(registry, path, Budget::default())?);
+        let asset = self.read(registry, path, Budget::default())?;
         let mut evaluator = registry.open(Arc::clone(&asset))?;
         if let Some(profile) = profile {
             evaluator.set_profile(profile.clone())?;

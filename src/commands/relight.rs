@@ -157,7 +157,9 @@ fn drawn(evaluator: Box<dyn Evaluator>, console: &Console) -> Box<dyn Evaluator>
 
 fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &Console) -> Result<ExitCode> {
     let ResolvedLights { lights, .. } = args.lights.load(console)?;
-    let (Opened { provenance, evaluator }, asset) = args.asset.open_beside(console)?;
+    let of_asset = args.asset.for_frames();
+    let (Opened { provenance, evaluator }, asset) = of_asset.open_beside(console)?;
+    let view = args.view.with_texture(args.view.texture(of_asset.base_colours()));
     warn_of_places(evaluator.scene(), &lights, evaluator.cost().samples, console);
     let shown = finer(evaluator.as_ref(), &asset, (&console.registry, args.device), console)?;
     drop(asset);
@@ -169,8 +171,8 @@ fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &C
         samples_per_pixel: SAMPLES_PER_PIXEL,
         ..args.view.settings(&evaluator.scene().mesh, resolution)?
     };
-    let texture = args.view.load_texture(&evaluator.scene().mesh, console)?;
-    let again = || Ok(Summed::of(on(&shown, args.asset.open(console)?.evaluator)));
+    let texture = view.load_texture(&evaluator.scene().mesh, console)?;
+    let again = || Ok(Summed::of(on(&shown, of_asset.open(console)?.evaluator)));
     let (place, note) = place(args.device, evaluator, &again)?;
     note.iter().for_each(|note| console.note(note));
     let animation = Animation {
@@ -218,16 +220,18 @@ fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -
     use crate::progress::Silent;
     use crate::relight::window::{Session, Settings, run};
     let quit_after_s = args.quit_after.map(|seconds| in_range("--quit-after", seconds, 0.0..=1e6)).transpose()?;
+    let of_asset = args.asset.for_frames();
     let (lights, opened, shown) = pool.install(|| -> Result<_> {
-        let (lights, (opened, asset)) = (args.lights.load(console)?, args.asset.open_beside(console)?);
+        let (lights, (opened, asset)) = (args.lights.load(console)?, of_asset.open_beside(console)?);
         let shown = finer(opened.evaluator.as_ref(), &asset, (&console.registry, args.device), console)?;
         tell(&shown, opened.evaluator.as_ref(), console)?;
         Ok((lights, opened, shown))
     })?;
     // Told before a window opens.
     warn_of_places(opened.evaluator.scene(), &lights.lights, opened.evaluator.cost().samples, console);
-    args.view.load_texture(&opened.evaluator.scene().mesh, console)?;
-    let (again, registry, device) = (args.asset.clone(), console.registry.clone(), args.device);
+    let texture = args.view.texture(of_asset.base_colours());
+    args.view.with_texture(texture.clone()).load_texture(&opened.evaluator.scene().mesh, console)?;
+    let (again, registry, device) = (of_asset, console.registry.clone(), args.device);
     let evaluator = drawn(on(&shown, opened.evaluator), console);
     let open = move |path: &std::path::Path, profile: Option<&LoadedProfile>| {
         let (evaluator, asset) = again.again(&registry, path, profile)?;
@@ -252,7 +256,7 @@ fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -
         settings: Settings {
             choice: args.device,
             camera: args.view.camera()?,
-            texture: args.view.texture.clone(),
+            texture,
             reuse: args.reuse,
             quit_after_s,
             pool: Arc::clone(&pool),

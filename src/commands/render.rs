@@ -44,8 +44,8 @@ pub(super) struct RenderArgs {
     #[command(flatten)]
     picture: PictureArgs,
     /// Picture to write (.exr: linear radiance with auxiliary layers; .png: exposed), `-` for OpenEXR on standard output;
-    /// repeatable
-    #[arg(short, long, required = true, value_name = "FILE")]
+    /// repeatable [default: NAME.render.png in this folder, by the name of the asset]
+    #[arg(short, long, value_name = "FILE")]
     output: Vec<PathBuf>,
     /// A further layer: trust, what is expected of the error of each place under probe lights. PNG then shows its false colours, with a
     /// legend
@@ -106,7 +106,13 @@ pub(super) struct PictureArgs {
 }
 
 pub(super) fn run(args: &RenderArgs, console: &Console) -> Result<ExitCode> {
-    output::check(&args.output, &["exr", "png"], console)?;
+    let mut outputs = args.output.clone();
+    if outputs.is_empty() {
+        // Not NAME.png, which may be the texture of a model.
+        let name = args.asset.asset.file_stem().unwrap_or_default().to_string_lossy();
+        outputs.push(format!("{name}.render.png").into());
+    }
+    output::check(&outputs, &["exr", "png"], console)?;
     check_memory(args.picture.resolution, 1, console)?;
     args.picture.view.specular()?;
     args.picture.view.camera()?;
@@ -117,8 +123,13 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> Result<ExitCode> {
         None => None,
     };
     drop(asset);
-    let picture = PictureArgs { sources: provenance.origin.inputs.clone(), trust, ..args.picture.clone() };
-    let (result, _) = finish(evaluator.as_mut(), &provenance.method, lights, &picture, &args.output, console)?;
+    let texture = args.picture.view.texture(args.asset.base_colours());
+    let view = args.picture.view.with_texture(texture);
+    let picture = PictureArgs { view, sources: provenance.origin.inputs.clone(), trust, ..args.picture.clone() };
+    let (result, _) = finish(evaluator.as_mut(), &provenance.method, lights, &picture, &outputs, console)?;
+    if args.output.is_empty() {
+        outputs.iter().for_each(|path| console.note(&format!("{}", path.display())));
+    }
     console.report("render", &result)
 }
 

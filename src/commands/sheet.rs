@@ -24,7 +24,6 @@ use crate::import::Source;
 use crate::import::file::suffix;
 use crate::import::materials::{AskedLook, MaterialChoice};
 use crate::light::Light;
-use crate::measure::refine::Refine;
 use crate::medium::inversion::Reflector;
 use crate::medium::material::Medium;
 use crate::medium::material_file::Chosen;
@@ -248,7 +247,7 @@ fn bake(args: &SheetArgs, rows: &[Row], groups: &[ResolvedLights], console: &Con
         options.scale = Some(Scale::DiagonalMm(largest));
     }
     let source = Source::read(&args.model, &options.materials, console)?;
-    let imported = model::import(source, &options, Refine::Off, console).map_err(|e| e.in_file(&args.model))?;
+    let imported = model::import(source, &options, None, console).map_err(|e| e.in_file(&args.model))?;
     let mut recipe = console.registry.method(METHOD)?.default_recipe()?;
     // Rows for environments take most of the time, where there are none.
     recipe.settings.for_lights = groups.iter().flat_map(|group| group.lights.iter().map(Light::kind)).collect();

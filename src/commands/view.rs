@@ -1,5 +1,7 @@
 //! Options of every command that shows the object: camera, exposure, surface, texture, background.
 
+use std::path::Path;
+
 use clap::Args;
 
 use super::console::Console;
@@ -50,9 +52,9 @@ pub(super) struct ViewArgs {
     #[arg(long, conflicts_with_all = ["roughness", "highlights"])]
     no_specular: bool,
     /// Albedo that scattered light is multiplied by, not reflected light: none, marble, a PNG over the texture coordinates,
-    /// or the base colours of a glTF model
-    #[arg(long, value_name = "TEXTURE", default_value_t, long_help = texture_help())]
-    pub(super) texture: TextureSpec,
+    /// or the base colours of a glTF model [default: none; over a guessed medium the base colours of its model]
+    #[arg(long, value_name = "TEXTURE", long_help = texture_help())]
+    texture: Option<TextureSpec>,
 }
 
 fn roughness_help() -> String {
@@ -69,7 +71,8 @@ fn texture_help() -> String {
          base-colour:path=MODEL.glb, or a bare path: base-colour factors and pictures of the model that was baked\n\
          Keys of marble: scale (mm between veins; default a fifth of the diagonal), base and veins (linear R,G,B or one \
          number, 0 to 1; default {} and {}), turbulence (how far veins are shifted, in their distances; default \
-         {turbulence}), octaves (of the turbulence; default {octaves}), sharpness (of the veins; default {sharpness}), seed.",
+         {turbulence}), octaves (of the turbulence; default {octaves}), sharpness (of the veins; default {sharpness}), seed.\n\
+         [default: none; over a guessed medium the base colours of its model]",
         xyz(base),
         xyz(veins)
     )
@@ -126,9 +129,20 @@ impl ViewArgs {
         }
     }
 
+    /// The texture as it is typed, and without one the base colours of a model, where they cover guessed media.
+    pub(super) fn texture(&self, base_colours: Option<&Path>) -> TextureSpec {
+        let beneath = || base_colours.map_or(TextureSpec::None, |model| TextureSpec::BaseColour(model.to_owned()));
+        self.texture.clone().unwrap_or_else(beneath)
+    }
+
+    /// The same options with this texture.
+    pub(super) fn with_texture(&self, texture: TextureSpec) -> Self {
+        Self { texture: Some(texture), ..self.clone() }
+    }
+
     /// Reads the texture for a mesh and prints its warnings.
     pub(super) fn load_texture(&self, mesh: &Mesh, console: &Console) -> Result<Option<Texture>> {
-        let texture = Texture::new(&self.texture, mesh)?;
+        let texture = Texture::new(&self.texture(None), mesh)?;
         texture.iter().flat_map(Texture::warnings).for_each(|warning| console.warn(warning));
         Ok(texture)
     }

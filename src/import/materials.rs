@@ -26,6 +26,8 @@ pub struct MaterialChoice {
     pub look: Look,
     /// What looks are inverted through.
     pub reflector: Reflector,
+    /// Whether a medium is guessed for materials of a model of which neither a text nor the file says what they are made of.
+    pub guess: bool,
 }
 
 /// Looks stand only where some are asked for, and what they are inverted through is a matter of the profile and the
@@ -36,6 +38,9 @@ impl fmt::Debug for MaterialChoice {
         text.field("texts", &self.texts).field("overrides", &self.overrides);
         if !self.look.is_empty() {
             text.field("look", &self.look);
+        }
+        if self.guess {
+            text.field("guess", &self.guess);
         }
         text.finish()
     }
@@ -118,7 +123,7 @@ impl MaterialChoice {
         let names: Vec<String> = named.iter().map(|(name, _)| name.clone()).collect();
         let is_left = |name: &&str| plain.is_none() && !names.iter().any(|known| known == name);
         let left: Vec<&str> = translucent.iter().copied().filter(is_left).collect();
-        let from_file = file.media(&left, &self.reflector)?;
+        let from_file = file.media(&left, &self.reflector, self.guess)?;
         let found = from_file.iter().filter_map(|material| Some((material.name.clone(), material.chosen.clone()?)));
         let named: Vec<(String, Chosen)> = named.into_iter().chain(found).collect();
         let looks = looks(plain.iter().chain(named.iter().map(|(_, chosen)| chosen)));

@@ -5,12 +5,20 @@ use glam::DVec3;
 use super::size::digits;
 use crate::error::{Error, Result};
 use crate::math::srgb::hex_from_linear;
-use crate::medium::inversion::Reflector;
+use crate::medium::inversion::{RADII_MM, Reflector};
+use crate::medium::look::Look;
+use crate::medium::material::Overrides;
 use crate::medium::material_file::Chosen;
 use crate::medium::volume::{Inside, Scattering, Volume};
 
 /// Mean free paths across an object in a proposal: it shows that it is translucent.
 const FREE_PATHS: f64 = 50.0;
+
+/// Colour of a guessed medium: light, so that base colours over it are seen, and not so clear that light reaches everywhere.
+const GUESSED_COLOUR: f64 = 0.8;
+
+/// Name of a guessed medium of which the file does not even give the colour.
+const GUESSED: &str = "guessed";
 
 /// What a model's file says of its materials.
 #[derive(Clone, Copy, Debug)]
@@ -32,7 +40,7 @@ pub struct FromFile {
     pub name: String,
     /// Its medium; none where it is opaque, as the file says nothing of its inside and others have media.
     pub chosen: Option<Chosen>,
-    /// The extension that describes the medium.
+    /// The extension that describes the medium; none where it is guessed or there is none.
     pub source: Option<&'static str>,
     /// Multi-scatter albedo that the file asks for, linear sRGB, and the colour of the medium under constant light; none where
     /// the medium was found for a look.
@@ -44,10 +52,17 @@ pub struct FromFile {
 impl FromFile {
     /// The choice in words, for the notes of a scene's origin.
     pub fn note(&self) -> String {
+        let name = &self.name;
         match self.source {
-            Some(source) => format!("material '{}': the medium of the file ({source})", self.name),
-            None => format!("material '{}': opaque, of no medium in the file", self.name),
+            Some(source) => format!("material '{name}': the medium of the file ({source})"),
+            None if self.is_guessed() => format!("material '{name}': a guessed medium, as the file does not say which"),
+            None => format!("material '{name}': opaque, of no medium in the file"),
         }
+    }
+
+    /// Whether the medium is a guess that the size of the model gave.
+    pub fn is_guessed(&self) -> bool {
+        self.source.is_none() && self.chosen.is_some()
     }
 }
 
@@ -62,21 +77,42 @@ impl<'a> OfFile<'a> {
         index.and_then(|index| self.insides.get(index)).unwrap_or(&Inside::Surface)
     }
 
-    /// The media of these materials, each once; none at all where the file gives none of them an inside.
+    /// The media of these materials, each once. Where the file gives none of them an inside: none at all, or with `guess` a guessed one
+    /// for all.
     ///
     /// # Errors
-    /// Invalid input: values that make no medium. Command line: a material that scatters over an unknown length, or clear glass.
-    pub fn media(&self, names: &[&str], reflector: &Reflector) -> Result<Vec<FromFile>> {
-        if names.iter().all(|name| *self.inside(name) == Inside::Surface) {
-            return Ok(Vec::new());
+    /// Invalid input: values that make no medium. Command line: clear glass, and without `guess` a material that scatters over an unknown
+    /// length.
+    pub fn media(&self, names: &[&str], reflector: &Reflector, guess: bool) -> Result<Vec<FromFile>> {
+        let has_surface = |name: &&str| *self.inside(name) == Inside::Surface;
+        if names.iter().all(has_surface) {
+            return match guess {
+                true => names.iter().map(|name| self.guessed(name, None, reflector)).collect(),
+                false => Ok(Vec::new()),
+            };
         }
-        let found = names.iter().map(|name| self.medium(name, reflector)).collect::<Result<Vec<_>>>()?;
+        let found = names.iter().map(|name| self.medium(name, reflector, guess)).collect::<Result<Vec<_>>>()?;
         // All at once: each of its own would ask for one command after another.
-        let missing: Vec<String> = self.clear(names).into_iter().chain(self.without_length(names)).collect();
+        let without_length = if guess { None } else { self.without_length(names) };
+        let missing: Vec<String> = self.clear(names).into_iter().chain(without_length).collect();
         if missing.is_empty() { Ok(found) } else { Err(Error::command_line(missing.join("; "))) }
     }
 
-    fn medium(&self, name: &str, reflector: &Reflector) -> Result<FromFile> {
+    /// A medium that is translucent at the size of the model, of the colour that the file gives or nearly white.
+    fn guessed(&self, name: &str, colour: Option<DVec3>, reflector: &Reflector) -> Result<FromFile> {
+        let radius_mm = digits(self.diagonal_mm / FREE_PATHS, 1).clamp(*RADII_MM.start(), *RADII_MM.end());
+        let look = Look {
+            colour: Some(colour.unwrap_or(DVec3::splat(GUESSED_COLOUR))),
+            radius_mm: Some(DVec3::splat(radius_mm)),
+            radius: None,
+        };
+        let mut chosen = Chosen::from_flags(None, &Overrides::default(), &look, reflector)?;
+        chosen.material.name = if colour.is_some() { name } else { GUESSED }.to_owned();
+        let (name, chosen) = (name.to_owned(), Some(chosen));
+        Ok(FromFile { name, chosen, source: None, albedo_and_colour: None, warnings: Vec::new() })
+    }
+
+    fn medium(&self, name: &str, reflector: &Reflector, guess: bool) -> Result<FromFile> {
         let name = name.to_owned();
         let place = |e: Error| {
             e.at(format_args!(
@@ -97,6 +133,7 @@ impl<'a> OfFile<'a> {
                 let (source, warnings) = (Some(*source), warnings.clone());
                 Ok(FromFile { name, chosen: Some(chosen), source, albedo_and_colour, warnings })
             }
+            Inside::WithoutLength { colour, .. } if guess => self.guessed(&name, Some(*colour), reflector),
             Inside::Surface | Inside::Clear | Inside::WithoutLength { .. } => {
                 Ok(FromFile { name, chosen: None, source: None, albedo_and_colour: None, warnings: Vec::new() })
             }

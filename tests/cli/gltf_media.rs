@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 
 use crate::common::{Folder, glb};
 use translux::geometry::shapes;
+use translux::io::png::decode_png;
 
 /// A GLB with spheres of 4 cm in a row, one for each material.
 fn spheres(materials: &Value) -> Vec<u8> {
@@ -92,4 +93,53 @@ fn what_a_file_cannot_say_is_asked_for() {
         folder.run(&format!("bake a.glb {BAKE} -o a.tlux")).fails(code, &fragments);
         folder.run(&format!("bake a.glb {BAKE} --material wax -o a.tlux -q")).ok();
     }
+}
+
+#[test]
+fn a_model_is_shown_in_one_command_without_options() {
+    let folder = Folder::new();
+    let clay = json!({"name": "clay", "pbrMetallicRoughness": {"baseColorFactor": [0.9, 0.2, 0.1, 1]}});
+    folder.write("one.glb", spheres(&json!([clay])));
+    let view = "--resolution 32x32 --samples-per-pixel 4 --light constant:radiance=1 --background none --no-specular";
+    let centre = |picture: &str| {
+        let image = decode_png(&folder.read(picture)).unwrap();
+        image.rgb[16 * image.width + 16].map(f64::from)
+    };
+    let shown = folder.run(&format!("render one.glb {view}")).ok();
+    for line in ["MATERIAL clay: guessed", "LOOK guessed", "one.glb: baked in memory", "one.render.png"] {
+        assert_eq!(shown.stderr.matches(line).count(), 1, "{line}: {}", shown.stderr);
+    }
+    // The base colour lies over what was guessed.
+    let clay = centre("one.render.png");
+    assert!(clay[0] > 3.0 * clay[1] && clay[1] > 1.5 * clay[2], "{clay:?}");
+    folder.run(&format!("render one.glb {view} --profile better-dipole --texture none -o white.png -q")).ok();
+    let white = centre("white.png");
+    assert!(white.iter().all(|c| (c - white[0]).abs() < 0.02 * white[0]), "{white:?}");
+    // Who names a material is believed, and what is shown is what a bake of the same has.
+    let lit = "--profile better-dipole --light directional:from=1,1,0:irradiance=3";
+    let named = folder.run(&format!("evaluate one.glb --unit cm --material skin1 {lit} -o own.ply")).ok();
+    assert!(!named.stderr.contains("guessed") && named.stderr.contains("skin1: mean free path"), "{}", named.stderr);
+    folder.run("bake one.glb --unit cm --material skin1 --method two_pass -o one.tlux -q").ok();
+    folder.run(&format!("evaluate one.tlux {lit} -o baked.ply -q")).ok();
+    folder.run("compare own.ply baked.ply --fail-above 0.0001%").ok();
+    // Frames come from sums that are prepared.
+    folder.run("relight one.glb --profile better-dipole --device cpu --headless --frames 1 --resolution 32x32 --out turn -q").ok();
+    let timings: Value = serde_json::from_slice(&folder.read("turn/timings.json")).unwrap();
+    assert_eq!(timings["method"], "editable");
+}
+
+#[test]
+fn what_is_missing_of_a_model_in_the_place_of_an_asset_is_asked_for() {
+    let folder = Folder::new();
+    folder.write("one.glb", spheres(&json!([wax()])));
+    let obj = shapes::icosphere(1.0, 1);
+    let line = |letter: &str, three: [String; 3]| format!("{letter} {}\n", three.join(" "));
+    let mut text: String = obj.positions.iter().map(|p| line("v", p.to_array().map(|x| x.to_string()))).collect();
+    text.extend(obj.triangles.iter().map(|t| line("f", t.map(|v| (v + 1).to_string()))));
+    folder.write("ball.obj", text);
+    folder.run("render ball.obj").fails(1, &["--unit mm|cm|m"]);
+    assert!(!folder.path("ball.render.png").exists());
+    folder.run("bake one.glb --method two_pass --samples 500 -o one.tlux -q").ok();
+    folder.run("render one.tlux --unit cm").fails(1, &["--unit is of models"]);
+    folder.run("render gone.glb").fails(2, &["gone.glb"]);
 }
