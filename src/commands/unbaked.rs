@@ -11,6 +11,7 @@ use crate::error::Result;
 use crate::evaluate::Model;
 use crate::import::file::suffix;
 use crate::import::{ImportOptions, Source};
+use crate::io::gltf::base_colour::read_base_colours;
 use crate::report::text::duration;
 use crate::transport::calibration::Walks;
 
@@ -56,6 +57,20 @@ pub(super) fn is_model(path: &Path) -> bool {
     matches!(suffix(path).as_str(), "obj" | "gltf" | "glb")
 }
 
+/// A model whose base colours can be shown; what stands in the way is told.
+fn base_colours(model: &Path, console: &Console) -> Option<PathBuf> {
+    if suffix(model) == "obj" {
+        return None;
+    }
+    match read_base_colours(model) {
+        Ok(_) => Some(model.to_owned()),
+        Err(error) => {
+            console.warn(&format!("its base colours are left out: {}", error.message()));
+            None
+        }
+    }
+}
+
 impl Unbaked {
     /// Nothing yet.
     pub(super) fn new(purpose: Purpose) -> Self {
@@ -95,7 +110,7 @@ impl Unbaked {
             recipe.settings.model = Model::Calibrated(Walks::default());
         }
         let asset = Arc::new(baking::bake_unmeasured(recipe, imported, console)?);
-        let base_colours = (guessed && suffix(path) != "obj").then(|| path.to_owned());
+        let base_colours = if guessed { base_colours(path, console) } else { None };
         let (path, took) = (path.display(), duration(console.seconds() - begin));
         console.note(&format!(
             "{path}: baked in memory, {took}; `translux bake {path} -o FILE.tlux` keeps an asset, and measures its errors"

@@ -139,6 +139,12 @@ fn what_is_missing_of_a_model_in_the_place_of_an_asset_is_asked_for() {
     folder.write("ball.obj", text);
     folder.run("render ball.obj").fails(1, &["--unit mm|cm|m"]);
     assert!(!folder.path("ball.render.png").exists());
+    // A picture that cannot be read does not stand in the way.
+    let unread = json!({"name": "clay", "pbrMetallicRoughness": {"baseColorTexture": {"index": 7}}});
+    folder.write("unread.glb", spheres(&json!([unread])));
+    let shown =
+        folder.run("render unread.glb --profile better-dipole --resolution 16x16 --light constant:radiance=1").ok();
+    assert!(shown.stderr.contains("its base colours are left out"), "{}", shown.stderr);
     folder.run("bake one.glb --method two_pass --samples 500 -o one.tlux -q").ok();
     folder.run("render one.tlux --unit cm").fails(1, &["--unit is of models"]);
     folder.run("render gone.glb").fails(2, &["gone.glb"]);
