@@ -39,6 +39,13 @@ use crate::transport::irradiance::LightSampling;
 /// proportion to its inverse.
 const BYTES_PER_RECEIVER: f64 = 32_000.0;
 
+/// Samples that each row of the threshold's choice knows one by one, where nothing is dropped yet: all of a body that is a few free paths thick, and
+/// of more samples the tree opens a share.
+const OPENED: usize = 1 << 15;
+
+/// Functions of a basis, where nobody says how many.
+const USUAL_TERMS: usize = 8;
+
 impl Form for Factored {
     const NAME: &'static str = "factored";
 
@@ -76,7 +83,9 @@ impl Form for Factored {
         let count = self.density.count(scene, settings.samples);
         let rows = self.environment.filter(|_| settings.is_for(LightKind::Environment)).map_or(0, |e| e.memory(count));
         let far = scene.mesh.local_mm.len() as f64 * BYTES_PER_RECEIVER * (0.01 / settings.max_rms).clamp(0.3, 30.0);
-        density::memory(count, scene, settings.model) + far as u64 + rows
+        let of_choice =
+            count.min(OPENED) * self.terms.unwrap_or(USUAL_TERMS) * choice::GROUPS * LANES * size_of::<f32>();
+        density::memory(count, scene, settings.model) + far as u64 + of_choice as u64 + rows
     }
 
     fn forecast(&self, scene: &Scene, settings: &BakeSettings) -> Option<Forecast> {

@@ -15,7 +15,7 @@ use crate::transport::far_field::{FarTransport, LANES, Precision, Rows};
 use crate::transport::receivers::Group;
 
 /// Groups of receivers that choices are made by.
-const GROUPS: usize = 16;
+pub(super) const GROUPS: usize = 16;
 
 /// Lights that choices are made by, of those that a bake gets.
 const LIGHTS: usize = 8;
