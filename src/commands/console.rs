@@ -85,7 +85,7 @@ struct State {
 }
 
 /// Bytes that a process takes beside its data once it works: code that is used, stacks of threads, what the allocator keeps.
-const OF_A_PROCESS: u64 = 24 << 20;
+const OF_A_PROCESS: u64 = 28 << 20;
 
 impl Console {
     pub(super) fn new(global: &Global, registry: Registry, reported: Arc<AtomicBool>) -> Result<Self> {

@@ -137,7 +137,7 @@ fn code_3_for_damaged_assets() {
 fn code_4_names_the_samples_that_fit() {
     let folder = cube();
     let bake = "bake cube.obj --unit mm --material marble --method two_pass -o a.tlux";
-    for limit in ["90MB", "52MB"] {
+    for limit in ["94MB", "56MB"] {
         let many = format!("{bake} --samples 4194304 --max-memory {limit}");
         let refused = folder.run(&many).fails(4, &["memory", "would fit"]);
         let words: Vec<&str> = refused.stderr.split_whitespace().collect();
