@@ -104,7 +104,7 @@ impl Unbaked {
         options.materials.guess = true;
         let source = Source::read(path, &options.materials, console)?;
         let imported = model::import(source, &options, None, console).map_err(|e| e.in_file(path))?;
-        let guessed = imported.from_file.iter().any(|material| material.is_guessed());
+        let guessed = imported.from_file.iter().any(|material| material.is_of_guessed_colour());
         let mut recipe = console.registry.method(self.purpose.method())?.default_recipe()?;
         if !has_profile {
             recipe.settings.model = Model::Calibrated(Walks::default());

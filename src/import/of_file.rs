@@ -64,6 +64,11 @@ impl FromFile {
     pub fn is_guessed(&self) -> bool {
         self.source.is_none() && self.chosen.is_some()
     }
+
+    /// Whether the colour of that medium is a guess as well: base colours lie over it, and are part of one that the file gives.
+    pub fn is_of_guessed_colour(&self) -> bool {
+        self.is_guessed() && self.chosen.as_ref().is_some_and(|chosen| chosen.material.name == GUESSED)
+    }
 }
 
 impl<'a> OfFile<'a> {
