@@ -13,7 +13,7 @@ use super::irradiance::Pieces;
 use super::kernel::double_layer::Moment;
 use super::kernel::medium::{KernelsOfParts, MediumKernel};
 use super::kernel::{Block, FlatSource, PointSource};
-use super::near_rule::{NearField, SMOOTH_BELOW, near_square, three_points};
+use super::near_rule::{NearField, near_square, three_points};
 use super::receivers::{Group, Receivers, Sphere};
 use super::sample_light::SampleLight;
 use super::surface::Surface;
@@ -129,12 +129,19 @@ impl Sources {
     }
 }
 
-/// Samples near some receivers of a group: their points, with the sign turned, and their triangles, as the group sees them.
+/// Samples near some receivers of a wide group, each as a point, as points of its facets and as triangles, as the group sees them.
 #[derive(Default)]
 struct Around {
     sources: Sources,
-    /// Each sample, and where its points and its triangles end.
-    samples: Vec<(u32, [usize; 2])>,
+    /// Each sample, and where its points and its triangles end: first as a whole, then as points, then as triangles.
+    samples: Vec<(u32, [[usize; 2]; 3])>,
+}
+
+impl Around {
+    fn clear(&mut self) {
+        self.sources.clear();
+        self.samples.clear();
+    }
 }
 
 impl<'a> Gather<'a> {
@@ -332,8 +339,7 @@ impl<'a> Gather<'a> {
         let sphere = receivers.sphere(group);
         lists.block.reset(sphere.centre_mm, receivers.of(group));
         lists.sources.clear();
-        lists.around.sources.clear();
-        lists.around.samples.clear();
+        lists.around.clear();
         lists.alone.clear();
         let part = group.part as usize;
         Some((part, self.medium(part)?, sphere))
@@ -362,20 +368,20 @@ impl<'a> Gather<'a> {
             Source::Patch(patch) => {
                 let index = patch as usize;
                 let e = lit.light.irradiance(index);
-                let pieces = match self.pieces(index, medium, &sphere) {
-                    Pieced::Triangles if is_wide && self.is_smooth(index, medium) => {
-                        let Around { sources, samples } = &mut lists.around;
-                        for (pieces, sign) in [(Pieced::Points, -1.0), (Pieced::Triangles, 1.0)] {
-                            let how = (pieces, layered, sphere.centre_mm);
-                            self.add(index, sign * e, Some((&lit.light, sign)), how, sources);
-                        }
-                        samples.push((patch, sources.lens()));
-                        Pieced::Points
-                    }
-                    pieces => pieces,
+                let add = |pieces: Pieced, sources: &mut Sources| {
+                    self.add(index, e, Some(&lit.light), (pieces, layered, sphere.centre_mm), sources);
                 };
-                let how = (pieces, layered, sphere.centre_mm);
-                self.add(index, e, Some((&lit.light, 1.0)), how, &mut lists.sources);
+                let pieces = self.pieces(index, medium, &sphere);
+                if is_wide && pieces == Pieced::Triangles {
+                    let Around { sources, samples } = &mut lists.around;
+                    let ends = [Pieced::Whole, Pieced::Points, Pieced::Triangles].map(|pieces| {
+                        add(pieces, sources);
+                        sources.lens()
+                    });
+                    samples.push((patch, ends));
+                    return;
+                }
+                add(pieces, &mut lists.sources);
                 self.drain(medium, lists, 4096);
             }
         });
@@ -387,24 +393,20 @@ impl<'a> Gather<'a> {
         for receiver in receivers.of(group) {
             let place = Sphere { centre_mm: receiver.at_mm, radius_mm: 0.0 };
             lists.block.reset(sphere.centre_mm, std::iter::once(receiver));
-            let mut from = [0, 0];
-            for &(patch, to) in &around.samples {
-                // Triangles in the place of the points.
-                if self.pieces(patch as usize, medium, &place) == Pieced::Triangles {
-                    lists.sources.extend(&around.sources, [from[0]..to[0], from[1]..to[1]]);
-                }
-                from = to;
+            let mut first = [0, 0];
+            for &(patch, [whole, points, triangles]) in &around.samples {
+                let (from, to) = match self.pieces(patch as usize, medium, &place) {
+                    Pieced::Whole => (first, whole),
+                    Pieced::Points => (whole, points),
+                    Pieced::Triangles => (points, triangles),
+                };
+                first = triangles;
+                lists.sources.extend(&around.sources, [0, 1].map(|kind| from[kind]..to[kind]));
             }
             self.drain(medium, lists, 0);
             lists.alone.push(lists.block.sum(0));
         }
         (lists.around, lists.block) = (around, together);
-    }
-
-    /// Whether a patch as points and its facets may cancel in single precision, wherever the receiver is: points of patches that are
-    /// large beside the depth of the sources are many times as bright below them as the patch is.
-    fn is_smooth(&self, index: usize, medium: &MediumKernel) -> bool {
-        self.surface.patches[index].radius_mm < SMOOTH_BELOW * medium.smooth_mm()
     }
 
     /// What a patch is summed as by receivers in a sphere.
@@ -494,12 +496,12 @@ impl<'a> Gather<'a> {
         self.kernels.get((*self.of_part.get(part)?)? as usize)
     }
 
-    /// Adds one patch of an irradiance to some sources, and its pieces under a light, times a sign.
+    /// Adds one patch of an irradiance to some sources, and its pieces under a light.
     fn add(
         &self,
         index: usize,
         e: DVec3,
-        light: Option<(&SampleLight, f64)>,
+        light: Option<&SampleLight>,
         (pieces, layered, centre): (Pieced, bool, DVec3),
         sources: &mut Sources,
     ) {
@@ -512,8 +514,7 @@ impl<'a> Gather<'a> {
             return;
         }
         let exact = pieces == Pieced::Triangles;
-        let uneven = light.and_then(|(light, sign)| Some((light.pieces(index)?, sign)));
-        for (deviation, corners) in uneven.into_iter().flat_map(|(of, sign)| of.map(move |(d, at)| (sign * d, at))) {
+        for (deviation, corners) in light.and_then(|light| light.pieces(index)).into_iter().flatten() {
             let corners = corners.map(|c| patch.centre_mm + glam::Vec3::from_array(c).as_dvec3());
             if exact {
                 sources.flats.extend(FlatSource::new(corners, deviation.as_vec3().to_array(), centre));

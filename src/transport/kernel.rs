@@ -116,7 +116,6 @@ impl FlatSource {
                 seen.pedals[k][i] = pedal - (o[0] * x[i] + o[1] * y[i] + o[2] * z[i]);
                 seen.starts[k][i] = start - (u[0] * x[i] + u[1] * y[i] + u[2] * z[i]);
                 seen.lengths[k][i] = length;
-                seen.longest = seen.longest.max(length);
             }
         }
         seen
@@ -139,7 +138,6 @@ impl FlatSource {
             }
             seen.lengths[k] = [e.length; LANES];
         }
-        seen.longest = self.edges[0].length.max(self.edges[1].length).max(self.edges[2].length);
         seen
     }
 }
@@ -158,8 +156,6 @@ struct SeenTriangle {
     pedals: [Row; 3],
     starts: [Row; 3],
     lengths: [Row; 3],
-    /// The longest edge of all, mm.
-    longest: f32,
 }
 
 impl SeenTriangle {
@@ -168,8 +164,20 @@ impl SeenTriangle {
         pedals: [[0.0; LANES]; 3],
         starts: [[0.0; LANES]; 3],
         lengths: [[0.0; LANES]; 3],
-        longest: 0.0,
     };
+
+    /// Which of some rules an edge takes: its length is seen against the distance of its nearest point, which is no less than a depth
+    /// inside which the kernel is smooth, mm^2. The worst of all receivers decides.
+    #[inline(always)]
+    fn rule_of_edge(&self, k: usize, smooth2: f32, rules: &'static [EdgeRule]) -> &'static [(f32, f32)] {
+        let mut ratios2 = [0.0; LANES];
+        for (i, ratio2) in ratios2.iter_mut().enumerate() {
+            let (pedal, start, length) = (self.pedals[k][i], self.starts[k][i], self.lengths[k][i]);
+            let beside = start.max(-(start + length)).max(0.0);
+            *ratio2 = length * length / (self.height2[i] + smooth2 + pedal * pedal + beside * beside);
+        }
+        edge_rule(rules, ratios2.into_iter().fold(0.0, f32::max).sqrt())
+    }
 }
 
 /// Accuracy of the integration of triangles.
@@ -366,7 +374,6 @@ fn triangles_body<K: RadialIntegral>(block: &mut Block, kernel: &K, sources: &[F
     for chunk in sources.chunks(FLUSH) {
         for row in &mut block.rows {
             let mut partial = K::Values::ZERO;
-            // Side by side all have the rule of the longest edge.
             for sources in chunk.chunks(copies) {
                 if let ([source], 1) = (sources, copies) {
                     let values = kernel.triangle(&source.seen_from(&row.at), EdgePrecision::Reference);
@@ -414,7 +421,7 @@ static GAUSS_8: [(f32, f32); 8] = rule();
 static GAUSS_12: [(f32, f32); 12] = rule();
 static GAUSS_24: [(f32, f32); 24] = rule();
 
-/// A Gauss-Legendre rule, nodes on [-1, 1] and weights, for edges up to a length over the scale on which the kernel is smooth.
+/// A Gauss-Legendre rule, nodes on [-1, 1] and weights, for edges up to a length over the distance of their nearest point.
 pub type EdgeRule = (f32, &'static [(f32, f32)]);
 
 /// The first rule that is long enough, or the last.

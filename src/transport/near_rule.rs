@@ -38,10 +38,6 @@ pub const PIECE_IS_POINT: f32 = 3.0;
 /// shape, and side by side they would be twice as many with every cut.
 pub const SLIVER: f32 = 0.15;
 
-/// Radius of a patch over the depth of the shallowest source below which its points, at their brightest some ten times
-/// the patch, cost no digits that are needed: receivers of a wide group may have them less the facets.
-pub const SMOOTH_BELOW: f64 = 8.0;
-
 /// Splits of a facet at most.
 pub const MOST_SPLITS: u32 = 16;
 

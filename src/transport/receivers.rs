@@ -25,6 +25,8 @@ pub struct Receivers {
     pub groups: Vec<Group>,
     /// For each source vertex the receiver whose value it takes; `NONE` for vertices without transferring area.
     pub of_vertex: Vec<u32>,
+    /// The spheres around the groups where these were larger once; else missing.
+    pub spheres: Vec<Sphere>,
 }
 
 /// Vertices of one task at least.
@@ -43,7 +45,7 @@ pub struct Group {
 }
 
 /// A sphere around points.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Sphere {
     /// Middle of their bounding box, mm.
     pub centre_mm: DVec3,
@@ -190,7 +192,9 @@ impl Receivers {
 
     /// The sphere around a group.
     pub fn sphere(&self, group: Group) -> Sphere {
-        Sphere::around(&self.positions[group.run.range()])
+        let index = self.groups.partition_point(|other| other.run.first < group.run.first);
+        let known = self.spheres.get(index).copied();
+        known.unwrap_or_else(|| Sphere::around(&self.positions[group.run.range()]))
     }
 
     /// True if there are none.
@@ -232,28 +236,29 @@ impl Receivers {
         result
     }
 
-    /// The groups of some vertices, whole: what a group gathers is the same as among all. Place `i` is vertex `vertices[i]`.
-    pub fn groups_of(&self, vertices: &[u32]) -> Self {
+    /// The receivers of some vertices, in their groups among all: what each gathers from is the same as among all. Place `i` is vertex
+    /// `vertices[i]`.
+    pub fn of_vertices(&self, vertices: &[u32]) -> Self {
         let mut of_vertex: Vec<u32> =
             vertices.iter().map(|&v| self.of_vertex.get(v as usize).copied().unwrap_or(NONE)).collect();
-        let wanted: BTreeSet<u32> = of_vertex.iter().copied().collect();
+        let wanted: BTreeSet<u32> = of_vertex.iter().copied().filter(|receiver| *receiver != NONE).collect();
         let mut result = Self::default();
-        // First receiver of each group that is kept, here and there.
-        let mut kept: Vec<(u32, u32)> = Vec::new();
-        for group in self.groups.iter().filter(|g| wanted.range(g.run.first..g.run.end).next().is_some()) {
+        for group in &self.groups {
             let first = result.positions.len() as u32;
-            let all = group.run.range();
-            result.positions.extend(&self.positions[all.clone()]);
-            result.normals.extend(self.normals.get(all.clone()).into_iter().flatten());
-            result.factors.extend(self.factors.get(all).into_iter().flatten());
-            let run = Run { first, end: result.positions.len() as u32 };
-            result.groups.push(Group { run, part: group.part });
-            kept.push((group.run.first, first));
+            for receiver in wanted.range(group.run.first..group.run.end).map(|receiver| *receiver as usize) {
+                result.positions.push(self.positions[receiver]);
+                result.normals.extend(self.normals.get(receiver));
+                result.factors.extend(self.factors.get(receiver));
+            }
+            let end = result.positions.len() as u32;
+            if end > first {
+                result.groups.push(Group { run: Run { first, end }, part: group.part });
+                result.spheres.push(self.sphere(*group));
+            }
         }
+        let wanted: Vec<u32> = wanted.into_iter().collect();
         for receiver in of_vertex.iter_mut().filter(|receiver| **receiver != NONE) {
-            let (there, here) = kept[kept.partition_point(|(there, _)| there <= receiver) - 1];
-            *receiver += here;
-            *receiver -= there;
+            *receiver = wanted.partition_point(|there| there < receiver) as u32;
         }
         Self { of_vertex, ..result }
     }

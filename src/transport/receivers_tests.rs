@@ -121,18 +121,18 @@ fn few_receivers_are_shared_out_among_the_phases() {
 }
 
 #[test]
-fn whole_groups_of_some_vertices_stay_as_they_are_among_all() {
+fn receivers_of_some_vertices_gather_from_where_they_do_among_all() {
     let mesh = mesh_of(shapes::icosphere(1.0, 3));
     let parts = table(&mesh, &vec![0; mesh.triangles.len()], &[Some(0)]);
     let all = Receivers::new(&mesh, &parts, 16);
-    let vertices: Vec<u32> = (0..mesh.local_mm.len() as u32).rev().step_by(37).chain([u32::MAX]).collect();
-    let some = all.groups_of(&vertices);
+    let vertices: Vec<u32> = (0..mesh.local_mm.len() as u32).rev().step_by(37).chain([5, 5, u32::MAX]).collect();
+    let some = all.of_vertices(&vertices);
     assert!(some.groups.len() < all.groups.len() && some.of_vertex.len() == vertices.len());
+    assert!(some.len() < vertices.len());
     let place = |receivers: &Receivers, receiver: u32| {
         let group = receivers.groups.iter().find(|group| group.run.range().contains(&(receiver as usize))).unwrap();
-        let members: Vec<(DVec3, DVec3)> =
-            receivers.of(*group).map(|receiver| (receiver.at_mm, receiver.normal)).collect();
-        (members, receivers.positions[receiver as usize])
+        let index = receiver as usize;
+        (receivers.sphere(*group), group.part, receivers.positions[index], receivers.normals[index])
     };
     for (i, &vertex) in vertices.iter().enumerate() {
         match all.of_vertex.get(vertex as usize) {

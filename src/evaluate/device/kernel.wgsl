@@ -13,13 +13,13 @@ struct Medium {
     c1: vec4<f32>,
     c2: vec4<f32>,
     split2: f32,
-    // Depth of the shallowest source of all, and of the shallowest real one, squared.
-    shallowest: f32,
+    // Depth of the shallowest source, squared.
     smooth2: f32,
-    padding: f32,
+    padding0: f32,
+    padding1: f32,
 }
 
-// Gauss-Legendre rules for an edge by its length over the depth of the shallowest source.
+// Gauss-Legendre rules for an edge by its length over the distance of its nearest point.
 struct Rules {
     limits: array<vec4<f32>, 2>,
     starts: array<vec4<u32>, 2>,
@@ -59,8 +59,7 @@ fn is_exact(reach2: f32, offset: vec3<f32>, radius: f32, smooth2: f32, group_rad
     if reach2 >= exact * exact {
         return false;
     }
-    let alone = group_radius > settings.narrow && radius * radius < SMOOTH_BELOW2 * smooth2;
-    return !alone || dot(offset, offset) + smooth2 < exact * exact;
+    return group_radius <= settings.narrow || dot(offset, offset) + smooth2 < exact * exact;
 }
 
 @group(0) @binding(0) var<uniform> settings: Settings;
@@ -126,7 +125,11 @@ fn rise_over(given: vec3<f32>, scale: vec3<f32>, divisor: vec3<f32>) -> vec3<f32
     return (x + scale * decayed) / (x * divisor);
 }
 
-fn rule_of(ratio: f32) -> vec2<u32> {
+// The rule along an edge with a coordinate of its start, a length and the squared distance of its line from the receiver, no less than
+// that inside which the kernel is smooth.
+fn rule_of(start: f32, length: f32, span2: f32) -> vec2<u32> {
+    let beside = max(max(start, -(start + length)), 0.0);
+    let ratio = length * inverseSqrt(span2 + beside * beside);
     var rule = 0u;
     while rule + 1u < EDGE_RULES && ratio > rules.limits[rule >> 2u][rule & 3u] {
         rule += 1u;
@@ -146,11 +149,6 @@ fn triangle(medium: u32, p: array<vec3<f32>, 3>) -> vec3<f32> {
     let normal = across * inverseSqrt(across2);
     let height = dot(normal, corner[0]);
     let height2 = height * height;
-    let longest2 = max(
-        dot(corner[1] - corner[0], corner[1] - corner[0]),
-        max(dot(corner[2] - corner[1], corner[2] - corner[1]), dot(corner[0] - corner[2], corner[0] - corner[2])),
-    );
-    let rule = rule_of(sqrt(longest2) / media[medium].shallowest);
     let real_z2 = media[medium].real_z2.xyz;
     let real_sigma = media[medium].real_sigma.xyz;
     let image_z2 = media[medium].image_z2.xyz;
@@ -168,6 +166,7 @@ fn triangle(medium: u32, p: array<vec3<f32>, 3>) -> vec3<f32> {
         let pedal = dot(from_corner, cross(along, normal));
         let s0 = dot(from_corner, along);
         let s1 = s0 + length2 * inverse_length;
+        let rule = rule_of(s0, s1 - s0, media[medium].smooth2 + height2 + pedal * pedal);
         let span2 = real_z2 + height2 + pedal * pedal;
         let span = sqrt(span2);
         let v0 = s0 / (span + sqrt(span2 + s0 * s0));

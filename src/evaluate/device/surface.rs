@@ -16,7 +16,7 @@ use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::kernel::radial_table::{RadialTable, Rgb};
 use crate::transport::near_field::Corners;
 use crate::transport::near_rule::{
-    MOST_SPLITS, NearField, PIECE_IS_POINT, SIX_POINTS, SLIVER, SMOOTH_BELOW, THREE_BEYOND, THREE_POINTS,
+    MOST_SPLITS, NearField, PIECE_IS_POINT, SIX_POINTS, SLIVER, THREE_BEYOND, THREE_POINTS,
 };
 use crate::transport::receivers::Receivers;
 use crate::transport::sample_light::SampleLight;
@@ -51,7 +51,6 @@ const THREE_BEYOND2: f32 = {:?};
 const PIECE_IS_POINT2: f32 = {:?};
 const MOST_SPLITS: u32 = {MOST_SPLITS}u;
 const SLIVER: f32 = {SLIVER:?};
-const SMOOTH_BELOW2: f32 = {:?};
 ",
         three.0,
         three.1,
@@ -61,7 +60,6 @@ const SMOOTH_BELOW2: f32 = {:?};
         outer.1,
         THREE_BEYOND * THREE_BEYOND,
         PIECE_IS_POINT * PIECE_IS_POINT,
-        SMOOTH_BELOW * SMOOTH_BELOW,
         workgroup = RECEIVERS * SLICES,
     );
     [&numbers, include_str!("kernel.wgsl"), text].concat()
@@ -125,9 +123,8 @@ struct GpuMedium {
     image: [[f32; 4]; 3],
     polynomial: [[f32; 4]; 3],
     split2: f32,
-    shallowest: f32,
     smooth2: f32,
-    padding: f32,
+    padding: [f32; 2],
 }
 
 #[repr(C)]
@@ -392,9 +389,8 @@ fn medium(medium: &MediumKernel, split_mm: Option<f64>) -> Result<GpuMedium> {
         image: term(1),
         polynomial: [0, 1, 2].map(|power| rgb(&|c| polynomials[c][power])),
         split2: split_mm.map_or(f32::MAX, |split_mm| (split_mm * split_mm) as f32),
-        shallowest: shallowest as f32,
         smooth2: (shallowest * shallowest) as f32,
-        padding: 0.0,
+        padding: [0.0; 2],
     })
 }
 

@@ -163,9 +163,9 @@ impl FarPoints {
         let receivers = Receivers {
             positions: rows.places.positions[..chosen.len()].to_vec(),
             normals: rows.places.normals.iter().take(chosen.len()).copied().collect(),
-            factors: Vec::new(),
             groups: groups.copied().collect(),
             of_vertex,
+            ..Receivers::default()
         };
         let weights = (chosen.len() != all.len()).then(|| {
             let targets: Vec<u32> = (0..all.len() as u32).collect();

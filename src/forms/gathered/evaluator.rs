@@ -220,7 +220,7 @@ impl Evaluator for GatheredEvaluator {
             return Ok(asked.iter().map(|&r| values.get(r as usize).copied().unwrap_or_default()).collect());
         }
         self.tuned_scheme();
-        Ok(self.summed(&self.receivers.groups_of(vertices), progress))
+        Ok(self.summed(&self.receivers.of_vertices(vertices), progress))
     }
 
     fn prepare_points(&mut self, progress: &dyn Progress) -> Result<()> {

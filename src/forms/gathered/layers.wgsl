@@ -68,12 +68,7 @@ fn integral(kernel: u32, p: array<vec3<f32>, 3>) -> vec3<f32> {
     // Of the plane over the receiver.
     let height = dot(upwards, corner[0]);
     let height2 = height * height;
-    let longest2 = max(
-        dot(corner[1] - corner[0], corner[1] - corner[0]),
-        max(dot(corner[2] - corner[1], corner[2] - corner[1]), dot(corner[0] - corner[2], corner[0] - corner[2])),
-    );
     let scale = kernels[kernel].scale;
-    let rule = rule_of(sqrt(longest2) / scale);
     let is_double = kernels[kernel].is_double == 1u;
     var single = vec3(0.0);
     var double = vec3(0.0);
@@ -89,6 +84,7 @@ fn integral(kernel: u32, p: array<vec3<f32>, 3>) -> vec3<f32> {
         let s0 = dot(from_corner, along);
         let s1 = s0 + length2 * inverse_length;
         let span2 = height2 + scale * scale + pedal * pedal;
+        let rule = rule_of(s0, s1 - s0, span2);
         let span = sqrt(span2);
         let v0 = s0 / (span + sqrt(span2 + s0 * s0));
         let v1 = s1 / (span + sqrt(span2 + s1 * s1));

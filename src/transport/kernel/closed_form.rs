@@ -2,7 +2,7 @@
 
 use super::{
     EdgePrecision, EdgeRule, GAUSS_3, GAUSS_4, GAUSS_6, GAUSS_8, GAUSS_12, GAUSS_24, LANES, Radial, RadialIntegral,
-    Row, RowValues, SeenTriangle, edge_rule,
+    Row, RowValues, SeenTriangle,
 };
 use crate::math::simd::add_scaled;
 use crate::medium::dipole::Pole;
@@ -33,7 +33,7 @@ impl PolesRgb {
 }
 
 impl EdgePrecision {
-    /// Rules for edges up to a length over the depth of the shallowest source.
+    /// Rules for edges up to a length over the distance of their nearest point, no less than the depth of the shallowest source.
     pub fn rules(self) -> &'static [EdgeRule] {
         match self {
             Self::Reference => &EDGE_RULES,
@@ -94,12 +94,13 @@ impl RadialIntegral for PolesRgb {
     /// (-1, 1), where the integrand is bounded and analytic.
     #[inline(always)]
     fn triangle(&self, seen: &SeenTriangle, precision: EdgePrecision) -> [Row; 3] {
-        let nodes = edge_rule(precision.rules(), seen.longest / self.shallowest);
+        let smooth2 = self.shallowest * self.shallowest;
+        let rules = [0, 1, 2].map(|k| seen.rule_of_edge(k, smooth2, precision.rules()));
         let mut result = [[0.0; LANES]; 3];
         for (channel, result) in result.iter_mut().enumerate() {
             let terms = self.terms[channel];
             let mut sums = [[0.0; LANES]; 2];
-            for k in 0..3 {
+            for (k, nodes) in rules.into_iter().enumerate() {
                 edge_into(&mut sums, &seen.height2, (&seen.pedals[k], &seen.starts[k], &seen.lengths[k]), terms, nodes);
             }
             for i in 0..LANES {

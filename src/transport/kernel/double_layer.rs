@@ -137,11 +137,10 @@ impl DoubleLayer {
     fn triangle(&self, seen: &SeenTriangle, facing: &Facing) -> [Rgb; LANES] {
         let (single, double) = (self.single.with_tail(), self.with_tail());
         let foot = single.value.places(&seen.height2);
-        let rule = self.single.rule(seen);
         let (mut singles, mut doubles, mut around) = ([[0.0; 4]; LANES], [[0.0; 4]; LANES], [[0.0; 4]; LANES]);
         for k in 0..3 {
             let edge = SeenEdge::new(seen, k, self.single.smooth2());
-            for &at in rule {
+            for &at in self.single.rule(seen, k) {
                 let node = edge.node(at, single.value);
                 for i in 0..LANES {
                     let (a, b) = (

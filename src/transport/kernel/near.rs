@@ -183,7 +183,6 @@ impl FlatRow {
                 seen.starts[k][i] = from[0][i] * ax + from[1][i] * ay + from[2][i] * az;
                 seen.lengths[k][i] = length;
             }
-            seen.longest = seen.lengths[k].iter().fold(seen.longest, |a, &b| a.max(b));
         }
         seen
     }

@@ -8,8 +8,8 @@
 use std::sync::Arc;
 
 use super::{
-    Block, EdgePrecision, EdgeRule, GAUSS_8, GAUSS_12, GAUSS_24, LANES, PointSource, Radial, RadialIntegral, Row,
-    RowValues, SeenTriangle, edge_rule, points_body,
+    Block, EdgePrecision, EdgeRule, GAUSS_3, GAUSS_4, GAUSS_6, GAUSS_8, GAUSS_12, GAUSS_24, LANES, PointSource, Radial,
+    RadialIntegral, Row, RowValues, SeenTriangle, points_body,
 };
 use crate::math::quadrature::{gauss_legendre_cached, integrate_with};
 use crate::math::simd::{InstructionSet, multiversion};
@@ -30,8 +30,10 @@ const LEAST_SCALE: f64 = 1e-6;
 /// Below this ratio of rho^2 to H^2 + s^2 the mean of R_d over a step is taken in place of a difference of tails.
 pub(crate) const SHORT_STEP: f32 = 0.125;
 
-/// Rules for edges up to a length over the scale on which R_d is smooth: tables err more than any of them.
-pub(crate) static RULES: [EdgeRule; 3] = [(2.0, &GAUSS_8), (20.0, &GAUSS_12), (f32::INFINITY, &GAUSS_24)];
+/// Rules for edges up to a length over the distance of their nearest point, where R_d is smooth inside a scale: tables err more than any
+/// of them.
+pub(crate) static RULES: [EdgeRule; 6] =
+    [(0.5, &GAUSS_3), (1.0, &GAUSS_4), (2.0, &GAUSS_6), (5.0, &GAUSS_8), (20.0, &GAUSS_12), (f32::INFINITY, &GAUSS_24)];
 
 /// Widest instructions used: with wider ones compilers gather from the table, five times as slowly as by single loads.
 pub(crate) const WIDEST: InstructionSet = InstructionSet::Avx2;
@@ -478,10 +480,10 @@ impl ProfileTable {
         WithTail { value: &self.reflectance, tail: &self.tail }
     }
 
-    /// The rule along the edges of a triangle.
+    /// The rule along an edge of a triangle.
     #[inline(always)]
-    pub(super) fn rule(&self, seen: &SeenTriangle) -> &'static [(f32, f32)] {
-        edge_rule(&RULES, seen.longest / self.smooth_mm as f32)
+    pub(super) fn rule(&self, seen: &SeenTriangle, k: usize) -> &'static [(f32, f32)] {
+        seen.rule_of_edge(k, self.smooth2(), &RULES)
     }
 
     /// The square of the scale on which the profiles are smooth, mm^2.
@@ -509,11 +511,11 @@ impl RadialIntegral for ProfileTable {
     fn triangle(&self, seen: &SeenTriangle, _: EdgePrecision) -> [Rgb; LANES] {
         let height2 = &seen.height2;
         let foot = self.reflectance.places(height2);
-        let (rule, profiles) = (self.rule(seen), self.with_tail());
+        let profiles = self.with_tail();
         let mut sums = [[0.0; 4]; LANES];
         for k in 0..3 {
             let edge = SeenEdge::new(seen, k, self.smooth2());
-            for &at in rule {
+            for &at in self.rule(seen, k) {
                 let node = edge.node(at, &self.reflectance);
                 for (i, sum) in sums.iter_mut().enumerate() {
                     let mean = profiles.half_mean(&foot, &node, height2, i);
