@@ -39,9 +39,11 @@ struct Strictness {
 }
 
 /// From the strictest on.
-const STEPS: [Strictness; 4] = [
+const STEPS: [Strictness; 6] = [
     Strictness { share: AIM, patience: true },
     Strictness { share: AIM, patience: false },
+    Strictness { share: 1.0, patience: true },
+    Strictness { share: 1.0, patience: false },
     Strictness { share: HOPELESS, patience: true },
     Strictness { share: HOPELESS, patience: false },
 ];
