@@ -53,15 +53,6 @@ struct Settings {
     padding1: u32,
 }
 
-// Whether a near sample is integrated in closed form for a receiver at an offset, as in transport/gather.rs.
-fn is_exact(reach2: f32, offset: vec3<f32>, radius: f32, smooth2: f32, group_radius: f32) -> bool {
-    let exact = settings.exact_below * radius;
-    if reach2 >= exact * exact {
-        return false;
-    }
-    return group_radius <= settings.narrow || dot(offset, offset) + smooth2 < exact * exact;
-}
-
 @group(0) @binding(0) var<uniform> settings: Settings;
 @group(0) @binding(1) var<uniform> rules: Rules;
 @group(0) @binding(2) var<storage, read> media: array<Medium>;

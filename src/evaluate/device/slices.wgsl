@@ -66,3 +66,29 @@ fn store(job: u32, receiver: u32, sum: vec3<f32>) {
     }
     radiosity[receiver] = vec4(total, 0.0);
 }
+
+// What a sample is summed as, by the receivers of a job or, where it is near to a wide group, by each alone, as in transport/gather.rs.
+const WHOLE: u32 = 0u;
+const POINTS: u32 = 1u;
+const TRIANGLES: u32 = 2u;
+
+fn summed_as(radius: f32, distance2: f32, smooth2: f32) -> u32 {
+    let reach2 = distance2 + smooth2;
+    let three = settings.three_points_below * radius;
+    let exact = settings.exact_below * radius;
+    if reach2 >= three * three {
+        return WHOLE;
+    }
+    return select(TRIANGLES, POINTS, reach2 >= exact * exact);
+}
+
+// The same of a sample at an offset from a receiver of a job.
+fn summed_by(job: u32, index: u32, offset: vec3<f32>, smooth2: f32) -> u32 {
+    let radius = patches[index].radius;
+    let distance = max(length(patches[index].centre - jobs[job].centre) - jobs[job].radius, 0.0);
+    let together = summed_as(radius, distance * distance, smooth2);
+    if together == TRIANGLES && jobs[job].radius > settings.narrow {
+        return summed_as(radius, dot(offset, offset), smooth2);
+    }
+    return together;
+}

@@ -18,15 +18,12 @@ fn of_entry(job: u32, medium: u32, entry: u32, at: vec3<f32>) -> vec3<f32> {
 
 fn of_patch(job: u32, medium: u32, index: u32, at: vec3<f32>) -> vec3<f32> {
     let centre = patches[index].centre;
-    let distance = max(length(centre - jobs[job].centre) - jobs[job].radius, 0.0);
-    let reach2 = distance * distance + media[medium].smooth2;
-    let three = settings.three_points_below * patches[index].radius;
     let offset = centre - at;
-    if reach2 >= three * three {
+    let how = summed_by(job, index, offset, media[medium].smooth2);
+    if how == WHOLE {
         return irradiance[index].xyz * (patches[index].area * reflectance(medium, dot(offset, offset)));
     }
-    let exact = is_exact(reach2, offset, patches[index].radius, media[medium].smooth2, jobs[job].radius);
-    return close_patch(medium, index, offset, exact);
+    return close_patch(medium, index, offset, how == TRIANGLES);
 }
 
 @compute @workgroup_size(WORKGROUP)

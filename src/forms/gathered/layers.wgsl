@@ -143,18 +143,14 @@ fn of_entry(job: u32, kernel: u32, entry: u32, at: vec3<f32>) -> vec3<f32> {
 fn of_patch(job: u32, kernel: u32, index: u32, at: vec3<f32>) -> vec3<f32> {
     let centre = patches[index].centre;
     let own = patches[index].normal;
-    let radius = patches[index].radius;
-    let distance = max(length(centre - jobs[job].centre) - jobs[job].radius, 0.0);
-    let smooth2 = kernels[kernel].scale * kernels[kernel].scale;
-    let reach2 = distance * distance + smooth2;
-    let three = settings.three_points_below * radius;
     let offset = centre - at;
     let e = irradiance[index].xyz;
-    if reach2 >= three * three {
+    let how = summed_by(job, index, offset, kernels[kernel].scale * kernels[kernel].scale);
+    if how == WHOLE {
         let flux = e * patches[index].area;
         return brought(kernel, offset, flux, flux * dot(offset, own));
     }
-    let exact = is_exact(reach2, offset, radius, smooth2, jobs[job].radius);
+    let exact = how == TRIANGLES;
     var sum = vec3(0.0);
     for (var facet = patches[index].first_facet; facet < patches[index].end_facet; facet += 1u) {
         let p = facet_at(facet, offset);

@@ -50,11 +50,11 @@ static EDGE_RULES: [EdgeRule; 5] =
 /// Rules with errors of 1e-5 of the total reflectance (worst case over the published materials and extreme ones):
 /// coarser than those of the truth, and far finer than the three points that other samples get.
 static NEAR_EDGE_RULES: [EdgeRule; 6] = [
-    (1.0, &GAUSS_3),
-    (3.0, &GAUSS_4),
-    (10.0, &GAUSS_6),
-    (30.0, &GAUSS_8),
-    (100.0, &GAUSS_12),
+    (0.8, &GAUSS_3),
+    (2.5, &GAUSS_4),
+    (8.0, &GAUSS_6),
+    (25.0, &GAUSS_8),
+    (80.0, &GAUSS_12),
     (f32::INFINITY, &GAUSS_24),
 ];
 

@@ -284,8 +284,10 @@ fn near_points_follow_the_profile_and_lanes_do_not_mix() {
         let (mut flats, mut alone) = (near::Flats::default(), [[0.0; 3]]);
         (0..40).filter(|i| i % 5 == receiver).for_each(|i| flats.push(0, triangle(i), [1.0, 2.0, 3.0]));
         kernel.add_flats(InstructionSet::detect(), &flats, &mut alone);
+        // Neighbours decide the rule of all, whose error is told of the total and not of what leaves far away; lanes that mix are off by
+        // all there is.
         for c in 0..3 {
-            assert!((together[c] - alone[0][c]).abs() <= 2e-5 * alone[0][c], "{together:?} {alone:?}");
+            assert!((together[c] - alone[0][c]).abs() <= 1e-3 * alone[0][c], "{together:?} {alone:?}");
         }
     }
 }

@@ -33,7 +33,7 @@ pub(crate) const SHORT_STEP: f32 = 0.125;
 /// Rules for edges up to a length over the distance of their nearest point, where R_d is smooth inside a scale: tables err more than any
 /// of them.
 pub(crate) static RULES: [EdgeRule; 6] =
-    [(0.5, &GAUSS_3), (1.0, &GAUSS_4), (2.0, &GAUSS_6), (5.0, &GAUSS_8), (20.0, &GAUSS_12), (f32::INFINITY, &GAUSS_24)];
+    [(0.4, &GAUSS_3), (0.9, &GAUSS_4), (2.0, &GAUSS_6), (4.0, &GAUSS_8), (10.0, &GAUSS_12), (f32::INFINITY, &GAUSS_24)];
 
 /// Widest instructions used: with wider ones compilers gather from the table, five times as slowly as by single loads.
 pub(crate) const WIDEST: InstructionSet = InstructionSet::Avx2;
