@@ -219,7 +219,8 @@ fn blocks_of_any_number_of_receivers_have_the_same_sums() {
             for (some, all) in sums(&receivers[..count]).iter().zip(&all) {
                 let largest = all.iter().map(|sum| sum.abs().max_element()).fold(0.0, f64::max);
                 let off = some.iter().zip(all).map(|(a, b)| (*a - *b).abs().max_element()).fold(0.0, f64::max);
-                assert!(largest > 0.01 && off < 1e-6 * largest, "{count}: {off:e} of {largest}");
+                // Receivers of a row share the rules along edges, each of which errs by 5e-7 of the total.
+                assert!(largest > 0.01 && off < 3e-6 * largest, "{count}: {off:e} of {largest}");
             }
         }
     }
