@@ -216,11 +216,11 @@ fn blocks_of_any_number_of_receivers_have_the_same_sums() {
         };
         let all = sums(&receivers);
         for count in [1, 2, 3, 4, 5, 8, 9, 16, 17] {
-            for (some, all) in sums(&receivers[..count]).iter().zip(&all) {
+            // Receivers of a row share the rules along the edges of each triangle, which err by 5e-7 of the total.
+            for ((some, all), limit) in sums(&receivers[..count]).iter().zip(&all).zip([1e-6, 37.0 * 5e-7]) {
                 let largest = all.iter().map(|sum| sum.abs().max_element()).fold(0.0, f64::max);
                 let off = some.iter().zip(all).map(|(a, b)| (*a - *b).abs().max_element()).fold(0.0, f64::max);
-                // Receivers of a row share the rules along edges, each of which errs by 5e-7 of the total.
-                assert!(largest > 0.01 && off < 3e-6 * largest, "{count}: {off:e} of {largest}");
+                assert!(largest > 0.01 && off < limit * largest, "{count}: {off:e} of {largest}");
             }
         }
     }
