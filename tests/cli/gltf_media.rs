@@ -129,6 +129,22 @@ fn a_model_is_shown_in_one_command_without_options() {
 }
 
 #[test]
+fn a_colour_of_the_file_is_part_of_its_medium_and_does_not_lie_over_it_too() {
+    let folder = Folder::new();
+    let leaf = json!({"name": "leaf", "pbrMetallicRoughness": {"baseColorFactor": [0.3, 0.8, 0.4, 1]}, "extensions": {
+        "KHR_materials_diffuse_transmission": {"diffuseTransmissionFactor": 1, "diffuseTransmissionColorFactor": [0.3, 0.8, 0.4]},
+    }});
+    folder.write("leaf.glb", spheres(&json!([leaf])));
+    let view = "--resolution 16x16 --samples-per-pixel 1 --light constant:radiance=1 --profile better-dipole";
+    let shown = folder.run(&format!("render leaf.glb {view} -o once.png")).ok();
+    for line in ["MATERIAL leaf: guessed", "LOOK leaf: asked #95e7aa"] {
+        assert!(shown.stderr.contains(line), "{line}: {}", shown.stderr);
+    }
+    folder.run(&format!("render leaf.glb {view} --texture none -o without.png -q")).ok();
+    assert_eq!(folder.read("once.png"), folder.read("without.png"));
+}
+
+#[test]
 fn what_is_missing_of_a_model_in_the_place_of_an_asset_is_asked_for() {
     let folder = Folder::new();
     folder.write("one.glb", spheres(&json!([wax()])));
