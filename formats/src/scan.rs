@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use crate::asset::{AssetFile, COMMON_TAGS, RawSection};
 use crate::container::SectionInfo;
 use crate::error::{FormatError, Result};
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, half_attributes};
 use crate::metadata::{self, LedgerEntry, Provenance};
 use crate::parts::Parts;
 use crate::reader::Reader;
@@ -72,6 +72,9 @@ impl Scan {
         let reader = reader.keeping(|info| !damaged.contains(&info.tag));
         damaged.extend(self.errors.iter().filter_map(FormatError::tag));
         self.mesh = self.component(&damaged, Mesh::decode(&reader));
+        // A damaged half is none to the mesh, so that nobody has missed the other one.
+        let alone = half_attributes(&self.sections).filter(|(there, _)| reader.find(*there).is_none());
+        self.errors.extend(alone.map(|(_, tag)| FormatError::MissingSection { tag }));
         self.parts = self.component(&damaged, Parts::decode(&reader));
         self.fit_parts();
         let none = (Mesh::default(), Parts::default());

@@ -397,6 +397,32 @@ fn a_scan_goes_on_behind_the_first_error() {
 }
 
 #[test]
+fn the_half_of_an_attribute_that_is_missing_is_missed_whatever_the_other_one_holds() {
+    for (there, missing) in [("mesh.nrm", "mesh.nri"), ("mesh.uvi", "mesh.uv")] {
+        let mut bytes = full();
+        let place = |bytes: &[u8], tag: &str| {
+            let tag = Tag::new(tag).unwrap().to_bytes();
+            (0..common::u32_at(bytes, 12) as usize)
+                .map(|entry| 32 + 48 * entry)
+                .find(|&at| bytes[at..at + 8] == tag)
+                .unwrap()
+        };
+        let at = place(&bytes, missing);
+        bytes[at] ^= 1;
+        // Of a frame, its number of magic.
+        let at = place(&bytes, there);
+        let stored = common::u64_at(&bytes, at + 16) as usize;
+        bytes[stored] ^= 1;
+        seal(&mut bytes);
+        let error = decode(&bytes).unwrap_err();
+        assert_eq!(error, FormatError::MissingSection { tag: Tag::new(missing).unwrap() });
+        let found = scan(&bytes, BUDGET).errors;
+        assert!(found.contains(&error), "{found:?}");
+        assert_eq!(found.len(), 2, "{found:?}");
+    }
+}
+
+#[test]
 fn zstd_bombs_are_refused_before_memory_is_taken() {
     let zeros = vec![0u8; 64 << 20];
     let bomb = zstd::bulk::compress(&zeros, 19).unwrap();
