@@ -3,7 +3,6 @@
 use std::borrow::Cow;
 
 use crate::checks::{addressable, bounded, finite_f32, indices_below, invalid, same_length, text};
-use crate::container::SectionInfo;
 use crate::error::{FormatError, Result};
 use crate::reader::Reader;
 use crate::types::{Codec, Element, Kind, Tag};
@@ -199,14 +198,6 @@ fn validate_attribute<const N: usize>(
     finite_f32(values, &attribute.values)?;
     same_length(corners, "triangles", attribute.corners.len(), triangles)?;
     indices_below(corners, attribute.corners.iter().flatten().copied(), attribute.values.len())
-}
-
-/// Sections that lack the other one of their attribute, each with the one that lacks.
-pub(crate) fn half_attributes(sections: &[SectionInfo]) -> impl Iterator<Item = (Tag, Tag)> {
-    let halves = [(tags::NORMALS, tags::NORMAL_CORNERS), (tags::UVS, tags::UV_CORNERS)];
-    let has = |tag| sections.iter().any(|section| section.tag == tag);
-    let both_ways = halves.into_iter().flat_map(|(values, corners)| [(values, corners), (corners, values)]);
-    both_ways.filter(move |&(there, missing)| has(there) && !has(missing))
 }
 
 /// Reads an attribute; both of its sections exist or neither does.

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use crate::asset::{AssetFile, COMMON_TAGS, RawSection};
 use crate::container::SectionInfo;
 use crate::error::{FormatError, Result};
-use crate::mesh::{Mesh, half_attributes};
+use crate::mesh::Mesh;
 use crate::metadata::{self, LedgerEntry, Provenance};
 use crate::parts::Parts;
 use crate::reader::Reader;
@@ -39,6 +39,10 @@ pub struct Scan {
 
 /// Scans every section of a file, whatever the faults of others. Takes at most the memory of `budget`.
 pub fn scan(bytes: &[u8], budget: Budget) -> Scan {
+    let first = match AssetFile::from_bytes(bytes, budget) {
+        Ok(asset) => return Scan::of(asset, bytes, budget),
+        Err(error) => error,
+    };
     let mut scan = Scan::default();
     let mut keep = |error| {
         scan.errors.push(error);
@@ -48,10 +52,31 @@ pub fn scan(bytes: &[u8], budget: Budget) -> Scan {
         Ok(reader) => scan.read(reader, budget),
         Err(error) => scan.errors.push(error),
     }
+    // A section that does not decode is none to what would have found another fault in its entry.
+    if !scan.errors.contains(&first) {
+        scan.errors.insert(0, first);
+    }
     scan
 }
 
 impl Scan {
+    /// The scan of the file that has this asset.
+    fn of(asset: AssetFile, bytes: &[u8], budget: Budget) -> Self {
+        let AssetFile { mesh, parts, samples, samples_stored: _, provenance, ledger, extra } = asset;
+        let reader = Reader::parse(bytes, budget);
+        Self {
+            errors: Vec::new(),
+            version: reader.as_ref().ok().map(Reader::version),
+            sections: reader.map_or_else(|_| Vec::new(), |reader| reader.sections().to_vec()),
+            mesh: Some(mesh),
+            parts: Some(parts),
+            samples: Some(samples),
+            provenance: Some(provenance),
+            ledger: Some(ledger),
+            extra,
+        }
+    }
+
     fn read(&mut self, reader: Reader<'_>, budget: Budget) {
         self.version = Some(reader.version());
         self.sections = reader.sections().to_vec();
@@ -72,9 +97,6 @@ impl Scan {
         let reader = reader.keeping(|info| !damaged.contains(&info.tag));
         damaged.extend(self.errors.iter().filter_map(FormatError::tag));
         self.mesh = self.component(&damaged, Mesh::decode(&reader));
-        // A damaged half is none to the mesh, so that nobody has missed the other one.
-        let alone = half_attributes(&self.sections).filter(|(there, _)| reader.find(*there).is_none());
-        self.errors.extend(alone.map(|(_, tag)| FormatError::MissingSection { tag }));
         self.parts = self.component(&damaged, Parts::decode(&reader));
         self.fit_parts();
         let none = (Mesh::default(), Parts::default());

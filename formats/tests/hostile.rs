@@ -423,6 +423,23 @@ fn the_half_of_an_attribute_that_is_missing_is_missed_whatever_the_other_one_hol
 }
 
 #[test]
+fn a_wrong_type_is_told_of_a_section_that_does_not_decode() {
+    let mut bytes = full();
+    let tag = Tag::new("mesh.nri").unwrap();
+    let entries = common::u32_at(&bytes, 12) as usize;
+    let at = (0..entries).map(|entry| 32 + 48 * entry).find(|&at| bytes[at..at + 8] == tag.to_bytes()).unwrap();
+    // Floats in the place of whole numbers, and a frame without its magic.
+    bytes[at + 8] = translux_format::ElementType::F32.code();
+    let stored = common::u64_at(&bytes, at + 16) as usize;
+    bytes[stored] ^= 1;
+    seal(&mut bytes);
+    let error = decode(&bytes).unwrap_err();
+    assert!(matches!(error, FormatError::WrongType { .. }), "{error}");
+    let found = scan(&bytes, BUDGET).errors;
+    assert!(found.len() == 2 && found[0] == error, "{found:?}");
+}
+
+#[test]
 fn zstd_bombs_are_refused_before_memory_is_taken() {
     let zeros = vec![0u8; 64 << 20];
     let bomb = zstd::bulk::compress(&zeros, 19).unwrap();
