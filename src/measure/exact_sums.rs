@@ -20,9 +20,12 @@ const FINER_UP_TO: usize = 1 << 15;
 pub(crate) const FINER_BEYOND: usize = 2;
 
 /// Soft light varies less from sample to sample, and costs many rays of each: fewer samples, unless there are many triangles, and so
-/// many rays in all.
+/// many rays in all for an error of 1 %, with its inverse square for others within bounds. With 64 directions for each of 139,332 samples of
+/// bunny_closed (marble, 30 mm) their noise is 0.19 % under constant light, 0.16 % under an area light and 0.10 % under a sky, with 128 0.12,
+/// 0.16 and 0.08 %.
 const FEWER_UNDER_SOFT_LIGHT: usize = 4;
-const SOFT_RAYS: usize = 1 << 24;
+const SOFT_RAYS: f64 = 8_388_608.0;
+const MORE_SOFT_RAYS: [f64; 2] = [0.25, 8.0];
 const SOFT_DIRECTIONS: std::ops::RangeInclusive<u32> = 64..=512;
 
 /// Rays of the truth: twice as fine as what assets are baked for.
@@ -31,10 +34,12 @@ pub(crate) const TRUE_RAYS: LightSampling = LightSampling { points_per_patch: 8,
 /// Its near field: errors of 4e-4, worst receiver of a plane, that of [`NearField::FAST`] over the squared ratio of the distances.
 pub(crate) const TRUE_NEAR: NearField = NearField { exact_below: 4.5, three_points_below: 9.0 };
 
-/// Samples of the truth under soft light, and its rays.
-pub(crate) fn under_soft_light(scene: &Scene, samples: usize) -> (usize, LightSampling) {
+/// Samples of the truth under soft light that tells errors of about `error`, and its rays.
+pub(crate) fn under_soft_light(scene: &Scene, samples: usize, error: f64) -> (usize, LightSampling) {
     let samples = samples.div_ceil(FEWER_UNDER_SOFT_LIGHT).max(samples.min(2 * scene.mesh.triangles.len()));
-    let rays = TRUE_RAYS.with_directions_of_all(SOFT_RAYS, samples, SOFT_DIRECTIONS);
+    let [least, most] = MORE_SOFT_RAYS;
+    let together = SOFT_RAYS * (0.01 / error).powi(2).clamp(least, most);
+    let rays = TRUE_RAYS.with_directions_of_all(together as usize, samples, SOFT_DIRECTIONS);
     (samples, LightSampling { area_side: rays.directions.isqrt().clamp(8, 12), ..rays })
 }
 

@@ -172,14 +172,14 @@ impl<'a> Choice<'a> {
         None
     }
 
-    /// Expected RMS and dark error.
+    /// Expected RMS and dark error. Samples and stages err independently.
     pub(super) fn expected(&self, candidate: &Candidate, sampling: &mut Sampling) -> Result<(f64, f64)> {
         let of_samples =
             candidate.forecast.erring_samples().map(|samples| sampling.error(samples)).transpose()?.unwrap_or_default();
         let learnt = self.learnt[candidate.family];
         let stages = candidate.forecast.rms;
         Ok((
-            learnt.rms * (self.of_samples * of_samples.rms + stages),
+            learnt.rms * (self.of_samples * of_samples.rms).hypot(stages),
             learnt.dark * (of_samples.dark + candidate.forecast.dark_over_rms * stages),
         ))
     }
@@ -218,7 +218,8 @@ impl<'a> Choice<'a> {
             .map(|samples| sampling.error_under_sharp_lights(samples))
             .transpose()?;
         let learnt = self.learnt[candidate.family];
-        let sharp = learnt.rms * (self.of_samples * sharp.unwrap_or_default().rms + candidate.forecast.rms);
+        let of_samples = self.of_samples * sharp.unwrap_or_default().rms;
+        let sharp = learnt.rms * of_samples.hypot(candidate.forecast.rms);
         if sharp > share * request.max_rms {
             set(Some(sharp), too_large(sharp, request.max_rms, " RMS"));
             return Ok(false);
@@ -253,8 +254,8 @@ impl<'a> Choice<'a> {
         let more = ratio(attempt.error.rms, rms).max(1.0);
         match of_samples {
             Some(of_samples) if of_samples > 0.0 => {
-                let beyond = attempt.error.rms / learnt.rms - candidate.forecast.rms;
-                self.of_samples = self.of_samples.max(beyond / of_samples);
+                let beyond = (attempt.error.rms / learnt.rms).powi(2) - candidate.forecast.rms.powi(2);
+                self.of_samples = self.of_samples.max(beyond.max(0.0).sqrt() / of_samples);
             }
             _ => learnt.rms *= more,
         }

@@ -182,7 +182,7 @@ fn prepared(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
         candidate.recipe.settings.walks.clone_from(&walks);
         candidate.recipe.settings.cache = setting.cache.clone();
     }
-    let mut sums = TrueSums::new(scene, samples, (kernels.clone(), spare));
+    let mut sums = TrueSums::new(scene, (samples, request.max_rms), (kernels.clone(), spare));
     let truth = Truth::new(&mut sums, (seen, places), progress)?;
     Ok(Prepared { all, families: families.len(), plan, kernels, between, truth, sums })
 }

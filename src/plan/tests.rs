@@ -45,7 +45,7 @@ fn choosing<R>(
         Candidates::new(&built_in(), request, (scene, None), (mesh_bytes(scene).unwrap(), memory));
     let seen = telling(lights(scene, &request.for_lights, Purpose::Choice).unwrap(), scene, request.model);
     let samples = samples_of_a_choice(scene, request.max_rms, request.model);
-    let mut sums = TrueSums::new(scene, samples, (Vec::new(), None));
+    let mut sums = TrueSums::new(scene, (samples, request.max_rms), (Vec::new(), None));
     let truth = Truth::new(&mut sums, (seen, Places::new(scene, PLACES, 0)), &Silent).unwrap();
     let mut sampling = Sampling::new(scene, &[], (truth, samples), request);
     with(&mut Choice::new(&all, request, families.len()), &all, &mut considered, &mut sampling)

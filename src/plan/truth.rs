@@ -51,7 +51,7 @@ fn least_samples(scene: &Scene, max_rms: f64, judged: usize) -> usize {
 /// Most bytes that the sums take which tell the error of so many samples.
 pub(super) fn memory(scene: &Scene, (max_rms, judged): (f64, usize), model: Model) -> u64 {
     let samples = true_samples(scene, max_rms, judged);
-    let (under_soft, _) = under_soft_light(scene, samples);
+    let (under_soft, _) = under_soft_light(scene, samples, max_rms);
     let apart = (under_soft != samples).then(|| density::memory(under_soft, scene, model));
     density::memory(samples, scene, model) + apart.unwrap_or(0)
 }
@@ -267,6 +267,8 @@ impl Inside {
 /// Exact sums over all pairs at any place, made for the lights that are asked for.
 pub(super) struct TrueSums {
     scene: Scene,
+    /// The error that rays towards soft light are made for.
+    max_rms: f64,
     pub(super) samples: usize,
     /// Sections of calibrated kernels, where the model is not the dipole.
     kernels: Vec<RawSection>,
@@ -277,8 +279,12 @@ pub(super) struct TrueSums {
 }
 
 impl TrueSums {
-    pub(super) fn new(scene: &Scene, samples: usize, (kernels, spare): (Vec<RawSection>, Option<Sums>)) -> Self {
-        Self { scene: scene.clone(), samples, kernels, sums: [None, None], spare }
+    pub(super) fn new(
+        scene: &Scene,
+        (samples, max_rms): (usize, f64),
+        (kernels, spare): (Vec<RawSection>, Option<Sums>),
+    ) -> Self {
+        Self { scene: scene.clone(), max_rms, samples, kernels, sums: [None, None], spare }
     }
 
     /// Returns whether these sums tell the error of that many samples of the same kernels, where so much is asked for.
@@ -288,7 +294,7 @@ impl TrueSums {
 
     /// Exitance at some places under a light.
     fn at(&mut self, light: &Light, places: &Places) -> Result<Vec<DVec3>> {
-        let (under_soft, rays) = under_soft_light(&self.scene, self.samples);
+        let (under_soft, rays) = under_soft_light(&self.scene, self.samples, self.max_rms);
         // As many samples serve both: sharp lights take none of the rays of soft ones.
         let apart = is_soft(light) && under_soft != self.samples;
         let of_kind = &mut self.sums[usize::from(apart)];

@@ -148,7 +148,9 @@ pub(crate) fn with_work<T>(
     make: impl FnOnce(&Work, &IrradianceRows, Ledger) -> Result<T>,
 ) -> Result<T> {
     progress.start("samples", 0);
-    let sampled = SampledScene::with_density(scene, plan.density, settings)?;
+    // Samples need not be fine enough for lamps nearby.
+    let for_lights = settings.for_lights.iter().copied().filter(|kind| KINDS.contains(kind)).collect();
+    let sampled = SampledScene::with_density(scene, plan.density, &BakeSettings { for_lights, ..settings.clone() })?;
     // Where the first scattering has a stage of its own the kernels hold the others.
     let orders = Orders::beside_first(plan.single != Single::Off);
     let (sampled, calibration) = sampled.with_model(settings, orders, progress)?;

@@ -25,6 +25,9 @@ const SINGLE_SAMPLES: u32 = 256;
 /// Rays of a sample of the truth that look for light from outside the medium, where the asset has such light.
 const OUTSIDE_RAYS: u32 = 64;
 
+/// Error that the rays of soft light are made for: maps are looked at place by place.
+const SOFT_ERROR: f64 = 0.007;
+
 /// Settings of an asset that say how often light outside the medium is transferred again.
 const INTER_REFLECTION: &str = "inter-reflection";
 
@@ -98,11 +101,11 @@ impl<'a> Exact<'a> {
         let of_count = |count: usize| Samples::new(&scene.mesh, &scene.parts, count);
         let (samples, sampling) = match self.which {
             Which::Finer(count) if soft => {
-                let (count, sampling) = under_soft_light(scene, count);
+                let (count, sampling) = under_soft_light(scene, count, SOFT_ERROR);
                 (of_count(count), sampling)
             }
             Which::Finer(count) => (of_count(count), TRUE_RAYS),
-            Which::Own if soft => (self.asset.samples.clone(), under_soft_light(scene, self.asset.samples.len()).1),
+            Which::Own if soft => (self.asset.samples.clone(), under_soft_light(scene, self.asset.samples.len(), SOFT_ERROR).1),
             Which::Own => (self.asset.samples.clone(), TRUE_RAYS),
         };
         let asset = Asset::of_scene(scene.clone(), samples, sections_of(self.asset));

@@ -51,7 +51,7 @@ pub(super) fn told(
     let half = photons.div_ceil(2);
     let mut result = Told { photons: 2 * half, pairs: vec![[[0.0; 2]; ORDERS]; splines.len()], ..Told::default() };
     for (index, of_half) in result.halves.iter_mut().enumerate() {
-        let mut tally = SlotTally::new(lattice.len());
+        let tally = SlotTally::new(lattice.len());
         let stage = crate::math::random::mix(seed ^ (index as u64 + 1));
         let chunk = |chunk: u64| {
             let range = chunk * CHUNK..((chunk + 1) * CHUNK).min(half);
@@ -71,7 +71,7 @@ pub(super) fn told(
             result.lost += chunk.lost;
             result.collisions += chunk.collisions;
         }
-        *of_half = tally.take().collect();
+        *of_half = (0..lattice.len()).map(|slot| tally.take(slot)).collect();
     }
     result.lost /= result.photons.max(1) as f64;
     result

@@ -20,6 +20,12 @@ pub const BATCHES: u64 = 32;
 /// Candidates of one task.
 const CHUNK: u64 = 512;
 
+/// Sums of slots of the batches that are walked together at most: small batches keep many threads busy together.
+const TOGETHER: usize = 1 << 20;
+
+/// Slots of one task.
+const LEAST_SLOTS: usize = 4096;
+
 /// Candidates that the mean irradiance is estimated from.
 const IRRADIANCE_PILOT: u64 = 1 << 14;
 
@@ -120,7 +126,8 @@ impl Exitance {
 /// Bytes that a walk takes about, beside the scene.
 pub fn memory(domain: Domain) -> u64 {
     let (vertices, triangles) = (domain.mesh.local_mm.len() as u64, domain.mesh.triangles.len() as u64);
-    400 * vertices + 500 * triangles + (20 << 20)
+    let tallies = (BATCHES * vertices).min(TOGETHER as u64) * size_of::<[u64; 2]>() as u64;
+    400 * vertices + 500 * triangles + tallies + (20 << 20)
 }
 
 /// Walks photons through a scene: [`Walkable::exitance`] where it is done once.
@@ -251,29 +258,41 @@ impl Run<'_> {
         let mut standard_error = vec![DVec3::ZERO; slots];
         let mut budget = [Budget::default(); 3];
         let in_batch = photons.map(|n| n.div_ceil(BATCHES));
+        let indices: Vec<u64> = (0..BATCHES).collect();
+        let together = (TOGETHER / slots.max(1)).clamp(1, BATCHES as usize);
+        let tallies: Vec<SlotTally> = std::iter::repeat_with(|| SlotTally::new(slots)).take(together).collect();
         progress.start(stage, in_batch.iter().sum::<u64>() * BATCHES);
         for channel in 0..3 {
             let Some(irradiance) = self.mean_irradiance(channel, seed) else {
                 progress.advance(in_batch[channel] * BATCHES);
                 continue;
             };
-            let mut tally = SlotTally::new(slots);
             // Sums of order 1, of all orders, and of the squares of the latter.
             let mut sums = vec![[0.0; 3]; slots];
-            let scale = irradiance * self.entries.area_mm2() / in_batch[channel] as f64;
-            for index in 0..BATCHES {
-                let stage = stage_of(seed, &[channel as u64, index]);
-                let candidates = in_batch[channel];
-                let batch = Batch { channel, stage, candidates, irradiance, tally: &tally };
-                let ends = summed(candidates, progress, |index, budget| self.enter(&batch, index, budget));
+            let candidates = in_batch[channel];
+            let scale = irradiance * self.entries.area_mm2() / candidates as f64;
+            for together in indices.chunks(together) {
+                let batch = |(index, tally): (&u64, _)| {
+                    let stage = stage_of(seed, &[channel as u64, *index]);
+                    Batch { channel, stage, candidates, irradiance, tally }
+                };
+                let batches: Vec<Batch> = together.iter().zip(&tallies).map(batch).collect();
+                let enter = |index: u64, budget: &mut Budget| {
+                    self.enter(&batches[(index / candidates) as usize], index % candidates, budget);
+                };
+                let ends = summed(batches.len() as u64 * candidates, progress, enter);
                 budget[channel] = budget[channel].plus(&ends.scaled(scale / BATCHES as f64));
-                for ((sums, [once, more]), mass) in sums.iter_mut().zip(tally.take()).zip(&self.hats.mass_mm2) {
-                    let factor = if *mass > 0.0 { scale / mass } else { 0.0 };
-                    let all = factor * (once + more);
-                    sums[0] += factor * once;
-                    sums[1] += all;
-                    sums[2] += all * all;
-                }
+                sums.par_iter_mut().enumerate().with_min_len(LEAST_SLOTS).for_each(|(slot, sums)| {
+                    let mass = self.hats.mass_mm2[slot];
+                    let factor = if mass > 0.0 { scale / mass } else { 0.0 };
+                    for batch in &batches {
+                        let [once, more] = batch.tally.take(slot);
+                        let all = factor * (once + more);
+                        sums[0] += factor * once;
+                        sums[1] += all;
+                        sums[2] += all * all;
+                    }
+                });
             }
             let n = BATCHES as f64;
             for (slot, [once, all, squares]) in sums.into_iter().enumerate() {

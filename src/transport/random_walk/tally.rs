@@ -103,15 +103,9 @@ impl SlotTally {
         }
     }
 
-    /// Weights of order 1 and of higher orders by slot; sets the sums to zero.
-    pub(in crate::transport) fn take(&mut self) -> impl Iterator<Item = [f64; 2]> {
-        self.sums.iter_mut().map(|sums| {
-            sums.each_mut().map(|sum| {
-                let value = *sum.get_mut() as f64 / UNITS;
-                *sum.get_mut() = 0;
-                value
-            })
-        })
+    /// Weights of order 1 and of higher orders of a slot; sets its sums to zero.
+    pub(in crate::transport) fn take(&self, slot: usize) -> [f64; 2] {
+        self.sums[slot].each_ref().map(|sum| sum.swap(0, Ordering::Relaxed) as f64 / UNITS)
     }
 }
 
