@@ -1,5 +1,6 @@
 //! Cells of a grid around the samples, over which light is counted.
 
+use crate::parallel::*;
 use crate::transport::surface::Surface;
 
 /// Eight cells of a sample, and its shares in them.
@@ -15,35 +16,39 @@ pub(super) struct Cells {
 impl Cells {
     /// Cells of the samples, whose edges depend on the part.
     pub(super) fn new(surface: &Surface, edge_mm: impl Fn(usize) -> Option<f64>) -> Self {
-        let count = surface.samples.len();
-        let mut keys: Vec<[i32; 4]> = Vec::with_capacity(8 * count);
-        let mut of_sample = Vec::with_capacity(count);
+        const NONE: [i32; 4] = [i32::MIN; 4];
         let corners = |[part, x, y, z]: [i32; 4]| -> [[i32; 4]; 8] {
             std::array::from_fn(|i| [part, x + (i & 1) as i32, y + (i >> 1 & 1) as i32, z + (i >> 2) as i32])
         };
-        let mut bases = vec![([i32::MIN; 4], [0.0; 3]); count];
+        let mut bases = vec![(NONE, [0.0; 3]); surface.samples.len()];
         for part in 0..surface.domain.parts.parts.len() {
             let Some(edge) = edge_mm(part) else { continue };
-            for sample in surface.samples.part(part) {
-                let at = surface.patches[sample].centre_mm / edge;
-                let base = at.floor();
-                bases[sample] =
-                    ([part as i32, base.x as i32, base.y as i32, base.z as i32], (at - base).as_vec3().to_array());
-                keys.extend(corners(bases[sample].0));
-            }
+            let range = surface.samples.part(part);
+            bases[range.clone()].par_iter_mut().zip(&surface.patches[range]).for_each(|(base, patch)| {
+                let at = patch.centre_mm / edge;
+                let low = at.floor();
+                *base = ([part as i32, low.x as i32, low.y as i32, low.z as i32], (at - low).as_vec3().to_array());
+            });
         }
+        // Neighbours come one after another: few of them begin another cell.
+        let mut lowest: Vec<[i32; 4]> =
+            bases.chunk_by(|a, b| a.0 == b.0).map(|same| same[0].0).filter(|base| *base != NONE).collect();
+        lowest.sort_unstable();
+        lowest.dedup();
+        let mut keys: Vec<[i32; 4]> = lowest.iter().flat_map(|base| corners(*base)).collect();
         keys.sort_unstable();
         keys.dedup();
-        for (base, at) in bases {
-            let found = |key: [i32; 4]| keys.binary_search(&key).map_or(u32::MAX, |found| found as u32);
+        let found = |key: [i32; 4]| keys.binary_search(&key).map_or(u32::MAX, |found| found as u32);
+        let cells: Vec<[u32; 8]> = lowest.iter().map(|base| corners(*base).map(found)).collect();
+        let of_base = |(base, at): &([i32; 4], [f32; 3])| {
             let share = |i: usize| {
                 let of = |axis: usize| if i >> axis & 1 == 1 { at[axis] } else { 1.0f32 - at[axis] };
                 of(0) * of(1) * of(2)
             };
-            let cells = if base[0] == i32::MIN { [u32::MAX; 8] } else { corners(base).map(found) };
-            of_sample.push((cells, std::array::from_fn(share)));
-        }
-        Self { of_sample, count: keys.len() }
+            let own = lowest.binary_search(base).map_or([u32::MAX; 8], |index| cells[index]);
+            (own, std::array::from_fn(share))
+        };
+        Self { of_sample: bases.par_iter().map(of_base).collect(), count: keys.len() }
     }
 
     /// Cells of a sample and its shares in them.

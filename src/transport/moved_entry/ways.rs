@@ -2,10 +2,10 @@
 
 use std::f64::consts::TAU;
 
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 
 use super::cells::{Cells, Shares, add};
-use super::neighbours::{AZIMUTHS, Around, DISTANCES, Facets, Frame, NOWHERE, neighbours};
+use super::neighbours::{AZIMUTHS, Around, DISTANCES, Facets, Frame, NOWHERE, Way, neighbours};
 use super::steps::{Ladder, Steps};
 use crate::light::Light;
 use crate::light::harmonics::to_harmonics;
@@ -25,9 +25,6 @@ const CELL_SAMPLES: f64 = 4.0;
 const LEAST_FACTOR: f32 = 0.5;
 const MOST_FACTOR: f32 = 2.0;
 
-/// Cosine towards the light below which samples look for none.
-const TURNED_AWAY: f64 = -0.5;
-
 /// Order of the harmonics of skies whose light moves.
 pub(super) const SKY_ORDER: usize = 3;
 
@@ -40,8 +37,8 @@ const EVERYWHERE: usize = 48;
 /// One ray from each sample towards a direction.
 pub(super) const ONE_RAY: LightSampling = LightSampling { points_per_patch: 1, ..LightSampling::FAST };
 
-/// Bytes of a sample while the light of one direction is moved: what enters, what it brings, and what is there.
-const OF_A_LIGHT: usize = 96;
+/// Bytes of a sample while the light of one direction is moved: what enters, from where, what it brings, and what is there.
+const OF_A_LIGHT: usize = 96 + size_of::<Way>();
 
 /// Lights whose irradiance is moved at once: a few, each of which keeps threads at work for most of its time, since all of them take memory.
 pub(super) const AT_ONCE: usize = 4;
@@ -166,18 +163,22 @@ impl Ways {
             }
             Light::Constant { .. } | Light::Environment { .. } => DVec3::ZERO,
         };
+        let ways: Vec<Way> = (0..irradiance.len())
+            .into_par_iter()
+            .map(|sample| self.frames[sample].way(towards(surface.patches[sample].centre_mm)))
+            .collect();
         // Irradiance that is fetched or stays.
         let of_sample = |sample: usize| {
             let own = irradiance[sample];
             let Some(steps) = &self.steps[self.part[sample] as usize] else { return [own; 3] };
-            let way = self.frames[sample].way(towards(surface.patches[sample].centre_mm));
+            let way = ways[sample];
             let is_lit = own != 0.0;
-            if !is_lit && way.cosine <= TURNED_AWAY {
+            if !is_lit && way.is_turned_away {
                 return [0.0; 3];
             }
-            let rungs = steps.at(way.along.length());
+            let rungs = steps.at(way.sine.into());
             let mut sum = rungs[0].map(|share| share * own);
-            for (neighbours, back, weight) in self.both_ways(sample, way.along) {
+            for (neighbours, back, weight) in self.both_ways(sample, way) {
                 for ((at, lost), share) in neighbours.iter().zip(back).zip(&rungs[1..]) {
                     let stays = if is_lit && *lost == NOWHERE { own } else { 0.0 };
                     let fetched = irradiance.get(*at as usize).copied().unwrap_or(0.0);
@@ -187,7 +188,7 @@ impl Ways {
             sum
         };
         let mut result: Vec<[f64; 3]> = (0..irradiance.len()).into_par_iter().map(of_sample).collect();
-        let flux = self.thrown(surface, irradiance, towards);
+        let flux = self.thrown(surface, irradiance, &ways);
         // Relative to the brightest sample of the mean area, so that single precision holds any light.
         let peak = irradiance.iter().copied().fold(0.0, f64::max);
         let unit = peak * self.mean_mm2;
@@ -227,16 +228,15 @@ impl Ways {
     }
 
     /// Flux that light's steps bring each sample.
-    fn thrown(&self, surface: &Surface, irradiance: &[f64], towards: impl Fn(DVec3) -> DVec3) -> Vec<[f64; 3]> {
+    fn thrown(&self, surface: &Surface, irradiance: &[f64], ways: &[Way]) -> Vec<[f64; 3]> {
         let mut flux = vec![[0.0; 3]; irradiance.len()];
         for (sample, patch) in surface.patches.iter().enumerate() {
             let own = irradiance[sample] * patch.area_mm2;
             let Some(steps) = self.steps[self.part[sample] as usize].as_ref().filter(|_| own != 0.0) else { continue };
-            let way = self.frames[sample].way(towards(patch.centre_mm));
-            let rungs = steps.at(way.along.length());
+            let rungs = steps.at(ways[sample].sine.into());
             add(&mut flux[sample], own, &rungs[0]);
-            for (neighbours, _, weight) in self.both_ways(sample, -way.along) {
-                for (at, share) in neighbours.iter().zip(&rungs[1..]) {
+            for (_, ahead, weight) in self.both_ways(sample, ways[sample]) {
+                for (at, share) in ahead.iter().zip(&rungs[1..]) {
                     let at = if *at == NOWHERE { sample } else { *at as usize };
                     add(&mut flux[at], weight * own, share);
                 }
@@ -261,14 +261,16 @@ impl Ways {
         }
     }
 
-    /// Neighbours of a sample in the two directions next to one in its tangent plane, those in the opposite directions, and weights, 1 in all.
-    fn both_ways(&self, sample: usize, along: DVec2) -> [(&[u32; DISTANCES], &[u32; DISTANCES], f64); 2] {
-        let turn = (along.y.atan2(along.x) / TAU + 1.0).fract() * AZIMUTHS as f64;
+    /// Neighbours of a sample in the two directions next to the one towards a light, those in the opposite directions, and weights, 1 in all.
+    #[inline]
+    fn both_ways(&self, sample: usize, way: Way) -> [(&[u32; DISTANCES], &[u32; DISTANCES], f64); 2] {
         let around = &self.around[sample];
-        let way = |azimuth: usize, weight: f64| {
-            (&around[azimuth % AZIMUTHS], &around[(azimuth + AZIMUTHS / 2) % AZIMUTHS], weight)
+        let of = |azimuth: usize, weight: f32| {
+            let [towards, away] = [azimuth, azimuth + AZIMUTHS / 2].map(|azimuth| &around[azimuth % AZIMUTHS]);
+            (towards, away, f64::from(weight))
         };
-        [way(turn as usize, 1.0 - turn.fract()), way(turn as usize + 1, turn.fract())]
+        let (azimuth, beyond) = (way.azimuth as usize, way.azimuth.fract());
+        [of(azimuth, 1.0 - beyond), of(azimuth + 1, beyond)]
     }
 
     /// Bytes of a sample: neighbours, frame, cells, part, balance, and changes under skies.
