@@ -105,7 +105,9 @@ impl<'a> Exact<'a> {
                 (of_count(count), sampling)
             }
             Which::Finer(count) => (of_count(count), TRUE_RAYS),
-            Which::Own if soft => (self.asset.samples.clone(), under_soft_light(scene, self.asset.samples.len(), SOFT_ERROR).1),
+            Which::Own if soft => {
+                (self.asset.samples.clone(), under_soft_light(scene, self.asset.samples.len(), SOFT_ERROR).1)
+            }
             Which::Own => (self.asset.samples.clone(), TRUE_RAYS),
         };
         let asset = Asset::of_scene(scene.clone(), samples, sections_of(self.asset));
