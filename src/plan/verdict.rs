@@ -61,10 +61,8 @@ impl Verdict {
         let judges = forecast.erring_samples().unwrap_or(0);
         let kernels = sections_of(asset);
         if !sums.judge(request.max_rms, judges, &kernels) {
-            *sums = {
-                let samples = true_samples(scene, request.max_rms, judges);
-                TrueSums::new(scene, (samples, request.max_rms), (kernels, None))
-            };
+            let samples = true_samples(scene, request.max_rms, judges);
+            *sums = TrueSums::new(scene, (samples, request.max_rms), (kernels, None));
         }
         let places = if between { Places::between(scene, PLACES, 1) } else { Places::new(scene, PLACES, 1) };
         let truth = Truth::new(sums, (lights, places), progress)?;
