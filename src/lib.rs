@@ -121,7 +121,7 @@ pub fn bake(imported: Imported, method: &str, set: &[(&str, &str)]) -> Result<As
     let registry = methods::built_in();
     let method = registry.method(method)?;
     let given: Vec<(String, String)> = set.iter().map(|(key, value)| ((*key).into(), (*value).into())).collect();
-    let probes = measure::probes::for_bake(&imported.scene.mesh);
+    let probes = measure::probes::for_bake(&imported.scene);
     let settings = evaluate::BakeSettings { probes, ..evaluate::BakeSettings::new(method.default_max_rms()) };
     method.recipe(&given, settings)?.bake(imported.scene, imported.origin.into(), &Silent)
 }

@@ -107,7 +107,7 @@ pub(crate) fn bake_for(
     progress: &dyn Progress,
 ) -> Result<Asset> {
     let given: Vec<(String, String)> = recipe.set.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect();
-    let mut probes = probes::for_bake(&scene.mesh);
+    let mut probes = probes::for_bake(scene);
     probes.tuning = probes::directional(Half::Tuning);
     probes.unseen.clear();
     let settings = BakeSettings {

@@ -35,7 +35,7 @@ fn main() {
     let m = registry.method(method).unwrap();
     let mut settings = BakeSettings::new(0.01);
     settings.samples = samples.parse().ok();
-    settings.probes = probes::for_bake(&imported.scene.mesh);
+    settings.probes = probes::for_bake(&imported.scene);
     if kinds != "all" {
         settings.for_lights = LightKind::ALL.into_iter().filter(|k| kinds.contains(k.name())).collect();
     }

@@ -1,6 +1,7 @@
 //! The stability suite: `scripts/stability` runs it.
 //!
 //! `stability list` names the rows; `stability run NUMBER FOLDER SECONDS` runs one with every method, each within so many seconds, and appends a line for each to its file in the folder;
+//! `stability stages NUMBER METHODS...` prints the stages of what each promises;
 //! `stability page FOLDER DOCS` writes the page and the table from the files of a folder.
 //!
 //! What is in the file already is not run again. A method that was begun twice and has no line does not come to an end: it is recorded as
@@ -19,7 +20,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
-use suite::{Cell, Session, Verdict, WAYS, cases};
+use suite::{Case, Cell, Session, Verdict, WAYS, cases};
 
 /// Exit status of a run that a method took too long in.
 const TOO_LONG: i32 = 124;
@@ -45,8 +46,9 @@ fn main() -> ExitCode {
             Ok(())
         }
         ["run", number, folder, limit] => row(number, Path::new(folder), limit),
+        ["stages", number, names @ ..] => stages(number, names),
         ["page", folder, docs] => page::write(Path::new(folder), Path::new(docs)),
-        _ => Err("stability list | run NUMBER FILE | page FOLDER DOCS".to_owned()),
+        _ => Err("stability list | run NUMBER FOLDER SECONDS | stages NUMBER METHODS... | page FOLDER DOCS".to_owned()),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
@@ -79,12 +81,39 @@ fn lines(file: &Path) -> Vec<Line> {
     text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect()
 }
 
+/// The row of a number.
+fn case_of(number: &str) -> Result<Case, String> {
+    let index: usize = number.parse().map_err(|_| format!("{number}: the number of a row is needed"))?;
+    let all = cases();
+    let rows = all.len();
+    all.into_iter().nth(index).ok_or_else(|| format!("{number}: there are {rows} rows"))
+}
+
+/// Prints what some methods, or all, promise for a row, stage by stage.
+fn stages(number: &str, names: &[&str]) -> Result<(), String> {
+    let case = case_of(number)?;
+    let session = Session::new(&case);
+    for way in WAYS.iter().filter(|way| names.is_empty() || names.contains(&way.name)) {
+        match session.stages(way) {
+            Ok(ledgers) => {
+                for (of, ledger) in ledgers {
+                    println!("{}, {}: {of}, {:.3} %", case.name, way.name, 100.0 * ledger.total_rms());
+                    for entry in ledger.entries {
+                        let [rms, worst] = [entry.error.rms, entry.error.worst].map(|v| 100.0 * v);
+                        println!("  {:20} {rms:8.3} % {worst:8.3} %  {}", entry.stage, entry.note);
+                    }
+                }
+            }
+            Err(why) => println!("{}, {}: {}", case.name, way.name, why.message()),
+        }
+    }
+    Ok(())
+}
+
 /// Runs what is missing of a row. A method that takes too long ends the program, so that the next run goes on with the others.
 fn row(number: &str, folder: &Path, limit: &str) -> Result<(), String> {
-    let all = cases();
-    let index: usize = number.parse().map_err(|_| format!("{number}: the number of a row is needed"))?;
+    let case = &case_of(number)?;
     let limit: f64 = limit.parse().map_err(|_| format!("{limit}: a number of seconds is needed"))?;
-    let case = all.get(index).ok_or_else(|| format!("{number}: there are {} rows", all.len()))?;
     let file = &folder.join(file_of(case.name));
     let known = lines(file);
     let mut out = OpenOptions::new().create(true).append(true).open(file).map_err(|e| e.to_string())?;

@@ -18,7 +18,8 @@ one is worse than recorded.
 **Promised** is the sum of the stages of the asset's ledger; where an asset holds no transport, what `evaluate --measure` tells. A cell passes where measured / promised lies between 0.5
 and 1, where both are below what the truth can tell (0.1 %, or its own error), or where the method refuses and says why. The others are
 *pessimistic* (less than half of what was promised), *warned* (more than promised, and a warning names a fault of the mesh or the place of the light), or **unannounced** (more than
-promised, and nothing says so). What is not finite, or more negative than the worst vertex that was promised, would be *broken*. An asset that holds transport promises for every light of a row: its worst light decides whether that is pessimistic.
+promised, and nothing says so). Where no light falls at all the error is relative to
+what the first light of the row brings. What is not finite, or more negative than the worst vertex that was promised, would be *broken*. An asset that holds transport promises for every light of a row: its worst light decides whether that is pessimistic.
 
 ";
 
@@ -38,8 +39,6 @@ fn percent(share: f64) -> String {
     let p = 100.0 * share;
     if p == 0.0 {
         "0".to_owned()
-    } else if p >= 1e10 {
-        "light where there is none".to_owned()
     } else if p >= 100.0 {
         format!("{p:.0}")
     } else if p >= 9.95 {

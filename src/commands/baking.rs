@@ -13,6 +13,7 @@ use crate::forms::gathered::uncalibrated;
 use crate::import::Imported;
 use crate::light::LightKind;
 use crate::measure::probes::for_bake;
+use crate::measure::sample_spacing::too_far_apart;
 use crate::scene::Scene;
 use crate::transport::calibration::{PHOTONS, Walks};
 
@@ -109,14 +110,14 @@ pub(super) fn light_kinds(text: &str) -> Result<BTreeSet<LightKind>> {
 
 /// Bakes an imported model; the memory is checked before.
 pub(super) fn bake(recipe: Recipe, imported: Imported, console: &Console) -> Result<Asset> {
-    let probes = for_bake(&imported.scene.mesh);
+    let probes = for_bake(&imported.scene);
     bake_with(recipe, imported, probes, console)
 }
 
 /// The same without the errors that no choice needs, which take as long as all else.
 pub(super) fn bake_unmeasured(mut recipe: Recipe, imported: Imported, console: &Console) -> Result<Asset> {
     recipe.settings.tells_model = false;
-    let probes = Probes { unseen: Vec::new(), ..for_bake(&imported.scene.mesh) };
+    let probes = Probes { unseen: Vec::new(), ..for_bake(&imported.scene) };
     bake_with(recipe, imported, probes, console)
 }
 
@@ -128,7 +129,12 @@ fn bake_with(mut recipe: Recipe, imported: Imported, probes: Probes, console: &C
     };
     console.check_memory(recipe.bake_memory(&scene), &advice)?;
     recipe.settings.probes = probes;
+    let asked = recipe.settings.samples;
     let asset = recipe.bake(scene, origin.into(), console)?;
+    let samples = Some(asset.samples.len()).filter(|count| *count > 0).or(asked);
+    if let Some(line) = samples.and_then(|count| too_far_apart(&asset.scene, count)) {
+        console.warn(&line);
+    }
     for part in uncalibrated(&asset) {
         console.warn(&format!("part `{part}` is not closed: it keeps its dipole, which needs no volume"));
     }

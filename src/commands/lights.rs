@@ -59,6 +59,11 @@ pub(super) fn warn_of_places(scene: &Scene, lights: &[Light], samples: usize, co
                 place(found.nearest_mm),
                 significant(found.spacing_mm)
             ),
+            Doubt::Narrow => format!(
+                "is {distance} mm wide where it falls, and samples of the part '{part}' lie {} mm apart: what falls on it is kept to a \
+                 few of them, and its edge is not resolved; use more --samples, or a wider angle",
+                significant(found.spacing_mm)
+            ),
         };
         let light = lights.get(found.light).map(Light::to_string).unwrap_or_default();
         console.fault(&format!("light {} ({light}), with {} mm, {what}", found.light + 1, place(found.at_mm)));

@@ -2,12 +2,15 @@
 
 use crate::math::statistics::VertexError;
 
-/// Stages that only light from an environment passes through.
-pub const ENVIRONMENT_STAGES: [&str; 3] = ["visibility", "cube map", "row truncation"];
+/// Stages that only light from an environment passes through; assets of earlier revisions have the last two in place of the second.
+pub const ENVIRONMENT_STAGES: [&str; 4] = ["visibility", "environment rows", "cube map", "row truncation"];
 
-/// Stages of quantities separate from the radiosity, whose errors are relative to those alone, and that of the model, which transport
-/// cannot mend: sums leave them out.
-pub const BESIDE_RADIOSITY: [&str; 2] = ["single scattering", MODEL];
+/// Stages of quantities separate from the radiosity, whose errors are relative to those alone, that of the model, which transport
+/// cannot mend, and that under a sun alone, which few environments are: sums leave them out.
+pub const BESIDE_RADIOSITY: [&str; 3] = ["single scattering", MODEL, SUN_ALONE];
+
+/// All stages together under an environment that is dark but for a sun, of methods that allow it more than the asked error.
+pub const SUN_ALONE: &str = "sun alone";
 
 /// The stage of the model itself: what its exact sums are off the volume.
 pub const MODEL: &str = "model";

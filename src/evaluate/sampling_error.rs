@@ -16,13 +16,18 @@ use crate::transport::gather::{Gather, Scheme};
 use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
 use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::near_rule::NearField;
-use crate::transport::receivers::Receivers;
+use crate::transport::receivers::{ProbePoints, Receivers};
 use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;
 
 /// Number of receivers at which the error is measured; they belong to the third that no tuning sees (see
-/// [`Receivers::subset`]).
+/// [`Receivers::subset`]). Where there are few all are taken: what a shadow boundary does to one of them may be most of the error.
 const PROBES: usize = 384;
+const ALL_OF_FEW: usize = 1024;
+
+/// An error that is worth a second look at twice as many samples: half as many may be off by far more than twice the error where they are
+/// the first that are too coarse for a shape.
+const WORTH_MORE: f64 = 0.004;
 
 /// A lit sample set.
 pub struct Sampled<'a> {
@@ -80,8 +85,34 @@ impl Sampled<'_> {
     /// # Errors
     /// As [`Illumination::new`].
     pub fn enter(&self, ledger: &mut Ledger, progress: &dyn Progress) -> Result<()> {
+        let (subset, points) = self.receivers.all_or_probe_points(self.areas, ALL_OF_FEW, (PROBES, 2));
+        let ours = self.radiosity(&self.surface, self.irradiance, &subset);
+        let (samples, parts) = (self.surface.samples.len(), self.surface.domain.parts);
+        let mut count = comparison_count(samples, parts);
+        let (mut error, mut others) = self.against(count, (&subset, &points), &ours, progress)?;
+        if count < samples && error.rms > WORTH_MORE {
+            count = 2 * samples;
+            (error, others) = self.against(count, (&subset, &points), &ours, progress)?;
+        }
+        let note = format!("and the near field; extrapolated from {others} samples, on vertices of their own");
+        ledger.add("sampling", error, note);
+        if let Some(stored) = self.stored {
+            let note = "stored rows (cube map, truncation, quantiser; fields of area lights) against rays";
+            ledger.add("environment", self.stored_error(stored), note);
+        }
+        Ok(())
+    }
+
+    /// The error of radiosity of some receivers, extrapolated from a set of about `count` samples; their number.
+    fn against(
+        &self,
+        count: usize,
+        (subset, points): (&Receivers, &ProbePoints),
+        ours: &[DVec3],
+        progress: &dyn Progress,
+    ) -> Result<(VertexError, usize)> {
         let (samples, domain) = (self.surface.samples, self.surface.domain);
-        let other = Samples::new(domain.mesh, domain.parts, comparison_count(samples.len(), domain.parts));
+        let other = Samples::new(domain.mesh, domain.parts, count);
         let patches = samples::patches(domain.mesh, &other);
         let surface = Surface { domain, bvh: self.surface.bvh, samples: &other, patches: &patches };
         // Other shadow rays too: patches that both sets share would agree on the errors of theirs.
@@ -94,18 +125,10 @@ impl Sampled<'_> {
             }
             None => Illumination::new(&surface, self.lights, &etas, sampling)?.all_with_pieces(progress),
         };
-        let (subset, points) = self.receivers.probe_points(self.areas, (PROBES, 2));
         // With the near field of the truth: what the rule in force misses is one-sided, and no other stage has it.
-        let theirs = self.with_near(NearField::REFERENCE, &surface, (&irradiance.0, &irradiance.1), &subset);
-        let ours = self.radiosity(&self.surface, self.irradiance, &subset);
+        let theirs = self.with_near(NearField::REFERENCE, &surface, (&irradiance.0, &irradiance.1), subset);
         let factor = extrapolation(samples.len(), other.len());
-        let note = format!("and the near field; extrapolated from {} samples, on vertices of their own", other.len());
-        ledger.add("sampling", points.error(&theirs, &ours).scaled(factor), note);
-        if let Some(stored) = self.stored {
-            let note = "stored rows (cube map, truncation, quantiser; fields of area lights) against rays";
-            ledger.add("environment", self.stored_error(stored), note);
-        }
-        Ok(())
+        Ok((points.error(&theirs, ours).scaled(factor), other.len()))
     }
 
     /// Error that stored irradiance, compared with that of the rays, causes in the radiosity.

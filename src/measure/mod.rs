@@ -10,4 +10,5 @@ pub mod light_places;
 pub mod pose;
 pub mod probes;
 pub mod refine;
+pub mod sample_spacing;
 pub mod trust;

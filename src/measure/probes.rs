@@ -12,6 +12,7 @@ use crate::light::Light;
 use crate::light::quantised::directions::lattice;
 use crate::light::sky::sky;
 use crate::progress::Progress;
+use crate::scene::Scene;
 
 /// The halves of the probe lights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,6 +34,25 @@ pub fn directional(half: Half) -> Vec<Light> {
     let first = usize::from(half == Half::Figures);
     let directions = lattice(DIRECTIONS, MIDPOINTS).into_iter().skip(first).step_by(2);
     directions.map(|from| Light::Directional { from, irradiance: DVec3::ONE }).collect()
+}
+
+/// Directions that the figures of a ledger are measured under.
+const OF_A_LEDGER: usize = 4;
+
+/// So many of some directional lights, each the farthest from those before it. Every nth of a lattice would not do: eight steps of it
+/// turn by no more than 20 degrees.
+fn all_around(lights: &[Light], count: usize) -> Vec<Light> {
+    let direction = |light: &Light| match light {
+        Light::Directional { from, .. } => *from,
+        _ => DVec3::ZERO,
+    };
+    let mut chosen: Vec<Light> = lights.iter().take(1).cloned().collect();
+    while chosen.len() < count.min(lights.len()) {
+        let nearest = |light: &&Light| chosen.iter().map(|c| direction(c).dot(direction(light))).fold(-1.0, f64::max);
+        let Some(next) = lights.iter().min_by(|a, b| nearest(a).total_cmp(&nearest(b))) else { break };
+        chosen.push(next.clone());
+    }
+    chosen
 }
 
 /// Point lights of a half: corners of a cube at 1.5 (four corners) and 3 bounding radii (the other four) from the
@@ -71,8 +91,8 @@ pub fn points_between(mesh: &Mesh) -> Vec<Light> {
 
 /// A few lights of the half for figures: two directions and a point.
 pub fn unseen(mesh: &Mesh) -> Vec<Light> {
-    let directions = directional(Half::Figures).into_iter().step_by(DIRECTIONS / 4);
-    directions.take(2).chain(points(mesh, Half::Figures).into_iter().take(1)).collect()
+    let directions = all_around(&directional(Half::Figures), 2);
+    directions.into_iter().chain(points(mesh, Half::Figures).into_iter().take(1)).collect()
 }
 
 /// The built-in sky in two rotations for each half.
@@ -84,13 +104,18 @@ pub fn environments(half: Half) -> Vec<Light> {
         .to_vec()
 }
 
-/// The probe lights of a bake: the whole tuning half for its choices, a few of the other half and environments for the
-/// figures of its ledger.
-pub fn for_bake(mesh: &Mesh) -> Probes {
+/// Turns of the suns that graze the largest flat area, in full turns: others than choices look at.
+const GRAZING_TURNS: [f64; 2] = [0.17, 0.58];
+
+/// The probe lights of a bake: the whole tuning half for its choices, a few of the other half, environments and suns edge-on to the
+/// largest flat area for the figures of its ledger.
+pub fn for_bake(scene: &Scene) -> Probes {
+    let mesh = &scene.mesh;
     let tuning = directional(Half::Tuning).into_iter().chain(points(mesh, Half::Tuning)).collect();
-    let directions = directional(Half::Figures).into_iter().step_by(DIRECTIONS / 8);
+    let directions = all_around(&directional(Half::Figures), OF_A_LEDGER).into_iter();
     let point = points(mesh, Half::Figures).into_iter().take(1);
-    Probes { tuning, unseen: directions.chain(point).chain(environments(Half::Figures)).collect() }
+    let grazing = GRAZING_TURNS.map(|turn| Light::Directional { from: scene.grazing(turn), irradiance: DVec3::ONE });
+    Probes { tuning, unseen: directions.chain(point).chain(environments(Half::Figures)).chain(grazing).collect() }
 }
 
 /// The error of an evaluator under the lights in force, by stage; stages tuned for these lights are measured under the
@@ -121,6 +146,14 @@ mod tests {
                 assert!(a.dot(*b) < 0.95);
             }
         }
+        let few = all_around(&directional(Half::Figures), OF_A_LEDGER);
+        let of = |light: &Light| match light {
+            Light::Directional { from, .. } => *from,
+            _ => panic!("{light:?}"),
+        };
+        assert_eq!(few.len(), OF_A_LEDGER);
+        // The corners of a tetrahedron are 109.5 degrees apart.
+        assert!(few.iter().enumerate().all(|(i, a)| few[..i].iter().all(|b| of(a).dot(of(b)) < 0.0)), "{few:?}");
         assert_eq!(directional(Half::Tuning).len() + directional(Half::Figures).len(), DIRECTIONS);
     }
 }

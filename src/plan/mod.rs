@@ -168,7 +168,7 @@ fn prepared(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
     let found = Candidates::new(setting.registry, request, (scene, between), costs);
     let Candidates { mut all, considered, families } = found;
     let plan = Plan::new(request, (Body::of(scene), error), considered);
-    let mut probes = for_bake(&scene.mesh);
+    let mut probes = for_bake(scene);
     for lights in [&mut probes.tuning, &mut probes.unseen] {
         lights.retain(|light| request.for_lights.contains(&light.kind()));
     }

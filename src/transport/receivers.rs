@@ -308,6 +308,15 @@ impl Receivers {
         (subset, indices)
     }
 
+    /// All receivers where there are no more than `most`, else as [`Self::probe_points`].
+    pub fn all_or_probe_points(&self, areas_mm2: &[f64], most: usize, few: (usize, usize)) -> (Self, ProbePoints) {
+        if self.len() <= most {
+            (self.clone(), ProbePoints::new((0..self.len() as u32).collect(), areas_mm2))
+        } else {
+            self.probe_points(areas_mm2, few)
+        }
+    }
+
     /// As [`Self::subset`], with the areas around the receivers of the subset; `areas_mm2` are those around all.
     pub fn probe_points(&self, areas_mm2: &[f64], (count, phase): (usize, usize)) -> (Self, ProbePoints) {
         let (subset, indices) = self.subset(count, phase);

@@ -87,7 +87,7 @@ fn every_finding_of_the_catalogue() {
         (|a| set(a, "charm", "7"), 120, "warning", "meta.src"),
         (|a| set(a, "samples", "501"), 121, "warning", "meta.src"),
         (|a| a.ledger[0].relative_rms = 0.006, 123, "warning", "meta.err"),
-        (|a| a.ledger.push(of_stage("row truncation", 0.006)), 123, "warning", "meta.err"),
+        (|a| a.ledger.push(of_stage("environment rows", 0.006)), 123, "warning", "meta.err"),
         (|a| a.provenance.notes.push("plan: missed: 2 % RMS, more than 1 %".into()), 123, "warning", "meta.err"),
         (|a| a.provenance.notes.insert(0, "fault: too coarse".into()), 124, "warning", "meta.src"),
         (|a| a.provenance.algorithm_revision = u32::MAX, 131, "warning", "meta.src"),

@@ -81,7 +81,7 @@ pub(crate) fn assets(registry: &Registry, has_time: bool) -> Vec<Vec<RawSection>
     let bake = |&(name, set, calibrated): &Recipe| {
         let began = Instant::now();
         let method = registry.method(name).unwrap();
-        let probes = probes::for_bake(&scene.mesh);
+        let probes = probes::for_bake(&scene);
         let walks = Walks { photons: 2048, collisions: 100_000, ..Walks::default() };
         let model = if calibrated && has_time { Model::Calibrated(walks) } else { Model::Dipole };
         let settings = BakeSettings { samples: Some(160), probes, model, ..BakeSettings::new(0.1) };

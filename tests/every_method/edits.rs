@@ -62,7 +62,7 @@ fn lights_that_are_remembered_leave_no_trace() {
     // The last has another index of refraction.
     let media = [["marble", "skin1"], ["skin1", "ketchup"], ["cream", "marble"]];
     for model in [Model::Dipole, Model::Calibrated(Walks { photons: 1024, ..Walks::default() })] {
-        let probes = in_memory::probes(&scene.mesh);
+        let probes = in_memory::probes(&scene);
         let settings =
             BakeSettings { model, probes, samples: Some(400), tells_model: false, ..BakeSettings::new(0.05) };
         let recipe = in_memory::method("editable").recipe(&[], settings).unwrap();

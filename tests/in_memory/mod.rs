@@ -136,8 +136,8 @@ pub fn bake(name: &str, scene: Scene, samples: Option<usize>) -> Arc<Asset> {
 
 /// The probe lights of a bake, with one light of each kind for the figures of its ledger: a direction, a point, an environment. The
 /// bakes of tests/cli have them all.
-pub fn probes(mesh: &Mesh) -> Probes {
-    let all = translux::measure::probes::for_bake(mesh);
+pub fn probes(scene: &Scene) -> Probes {
+    let all = translux::measure::probes::for_bake(scene);
     Probes { unseen: all.unseen.into_iter().step_by(2).collect(), ..all }
 }
 
@@ -150,7 +150,7 @@ pub fn short(method: &dyn Method) -> Vec<(String, String)> {
 
 /// What a bake of a scene runs with some keys set, for every kind of light.
 pub fn recipe(method: &dyn Method, scene: &Scene, samples: Option<usize>, set: &[(String, String)]) -> Result<Recipe> {
-    let settings = BakeSettings { samples, probes: probes(&scene.mesh), ..BakeSettings::new(method.default_max_rms()) };
+    let settings = BakeSettings { samples, probes: probes(&scene), ..BakeSettings::new(method.default_max_rms()) };
     method.recipe(set, settings)
 }
 

@@ -137,7 +137,7 @@ fn calibrated_kernels_have_the_same_sums() {
         let method = in_memory::method(name);
         let scene = Scene { media: media.map(medium).into(), ..group() };
         let model = Model::Calibrated(Walks { photons: 2048, ..Walks::default() });
-        let probes = in_memory::probes(&scene.mesh);
+        let probes = in_memory::probes(&scene);
         let settings = BakeSettings { model, probes, samples: Some(500), ..BakeSettings::new(0.05) };
         let asset = method.recipe(&[], settings).unwrap().bake(scene, Provenance::default(), &Silent).unwrap();
         let [mut cpu, mut gpu] = pair(&Arc::new(asset), &device);

@@ -155,7 +155,7 @@ impl<'a> Study<'a> {
         let settings = BakeSettings {
             samples: compared(context, &[]).samples,
             for_lights: [LightKind::Environment].into(),
-            probes: Probes { tuning: probes::directional(Half::Tuning), ..probes::for_bake(&scene.mesh) },
+            probes: Probes { tuning: probes::directional(Half::Tuning), ..probes::for_bake(scene) },
             ..BakeSettings::new(DEFAULT_RMS)
         };
         let recipe = methods::built_in()

@@ -45,7 +45,7 @@ impl<'a> Bake<'a> {
         let settings = BakeSettings {
             samples: self.samples,
             for_lights: self.kinds.iter().copied().collect(),
-            probes: probes::for_bake(&self.scene.mesh),
+            probes: probes::for_bake(self.scene),
             ..BakeSettings::new(self.max_rms)
         };
         let recipe = registry().method(METHOD).unwrap().recipe(&pairs(set), settings)?;

@@ -4,4 +4,4 @@ mod settings;
 mod work;
 
 pub use settings::{Basis, Choice, Distant, Integrand, KINDS, MOST_ORDER, Single, Terms};
-pub(crate) use work::{TUNING_TURNS, UNSEEN_TURNS, Work, edge_on, far_away, under_suns, with_work};
+pub(crate) use work::{TUNING_TURNS, Work, edge_on, far_away, under_suns, with_work};

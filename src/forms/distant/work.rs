@@ -4,7 +4,7 @@ use glam::DVec3;
 use translux_format::RawSection;
 
 use super::settings::{Distant, KINDS, Single};
-use crate::compress::ledger::Ledger;
+use crate::compress::ledger::{Ledger, SUN_ALONE};
 use crate::error::{Error, Result};
 use crate::evaluate::stage_cache::Key;
 use crate::evaluate::stages::{of_kinds, spread, worst};
@@ -32,9 +32,8 @@ const UNSEEN: f64 = 1.6;
 /// times as much. Where suns are and environments are not, a sun alone keeps the asked error.
 const SUN_OF_ENVIRONMENT: f64 = 4.0;
 
-/// Turns of the edge-on suns about the normal of the largest flat area: those that choices look at, and that no choice sees.
+/// Turns of the edge-on suns that choices look at, about the normal of the largest flat area.
 pub(crate) const TUNING_TURNS: [f64; 2] = [0.0, 0.31];
-pub(crate) const UNSEEN_TURNS: [f64; 2] = [0.17, 0.58];
 
 /// Samples, hierarchy, settings and probe lights of a bake.
 pub(crate) struct Work<'a, 'b> {
@@ -108,6 +107,15 @@ impl Work<'_, '_> {
     }
 }
 
+impl Work<'_, '_> {
+    /// Enters the error under a sun alone, where environments may be one.
+    pub(crate) fn enter_sun(&self, ledger: &mut Ledger, error: VertexError) {
+        if !self.unseen.environments.is_empty() && !self.unseen.suns.is_empty() {
+            ledger.add(SUN_ALONE, error, "all stages together under an environment that is dark but for a sun");
+        }
+    }
+}
+
 /// Lights that errors are measured under.
 pub(crate) struct Unseen {
     pub(crate) environments: Vec<Light>,
@@ -116,17 +124,13 @@ pub(crate) struct Unseen {
 
 impl Unseen {
     /// Of the kinds asked for; suns beside environments, which have them, and environments where nothing is asked for.
-    fn new(scene: &Scene, settings: &BakeSettings) -> Self {
+    fn new(settings: &BakeSettings) -> Self {
         let lights = &settings.probes.unseen;
         let environments = match for_suns_alone(settings) {
             true => Vec::new(),
             false => of_kinds(lights, &[LightKind::Environment, LightKind::Constant]),
         };
-        let mut suns = of_kinds(lights, &[LightKind::Directional]);
-        if settings.is_for(LightKind::Directional) && !suns.is_empty() {
-            suns.extend(edge_on(scene, UNSEEN_TURNS));
-        }
-        Self { environments, suns }
+        Self { environments, suns: of_kinds(lights, &[LightKind::Directional]) }
     }
 }
 
@@ -184,7 +188,7 @@ pub(crate) fn with_work<T>(
             sun: if for_suns_alone(settings) { 1.0 } else { SUN_OF_ENVIRONMENT } / UNSEEN,
             for_suns,
             suns: &suns,
-            unseen: Unseen::new(scene, settings),
+            unseen: Unseen::new(settings),
             calibration,
             cache: &settings.cache,
         };

@@ -1,6 +1,6 @@
 //! Irradiance rows of an asset, and their errors under environments that no choice saw.
 
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -18,15 +18,12 @@ use crate::evaluate::form::write_error;
 use crate::evaluate::stage_cache::Key;
 use crate::evaluate::stages::{of_kinds, probe_points, worst};
 use crate::evaluate::{BakeSettings, StageCache};
-use crate::geometry::samples::{self, Patch, Samples};
-use crate::light::cube_light::CubeLight;
 use crate::light::sky::sky_with_sun;
 use crate::light::suns::apart;
 use crate::light::{Light, LightKind};
 use crate::math::cube_map::{self, FACES};
 use crate::math::statistics::VertexError;
 use crate::medium::entrance_basis::EntranceBasis;
-use crate::parallel::*;
 use crate::progress::{Progress, Silent};
 use crate::transport::gather::{Gather, Scheme};
 use crate::transport::irradiance::{Illumination, LightSampling};
@@ -37,11 +34,10 @@ use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;
 use crate::transport::visibility::{self, Observer, Occluders};
 
-/// Samples of an asset for each sample of the coarser set that errors are measured on.
-const COARSER: usize = 8;
-
-/// Rays of a sample that stand for the native resolution of an environment.
-const NATIVE_DIRECTIONS: u32 = 1024;
+/// Rays of all samples together that stand for the native resolution of an environment, and of each at least and at most: directions
+/// differ from sample to sample, and scattering averages over them.
+const NATIVE_RAYS: usize = 1 << 22;
+const NATIVE_DIRECTIONS: RangeInclusive<u32> = 32..=1024;
 
 /// Samples whose visibility is checked with one ray for each sub-texel.
 const CHECKED: usize = 32;
@@ -68,7 +64,7 @@ pub fn bake(
         |sections| matches!(IrradianceRows::from_sections(sections, samples.len()), Ok(Some(_))),
         || work.rows(progress)?.into_data().to_sections().map_err(write_error),
     )?;
-    measure(&work, receivers, how.2, &bake.probes.unseen, ledger, progress)?;
+    measure(&work, (&sections, receivers), how.2, &bake.probes.unseen, ledger, progress)?;
     Ok(sections)
 }
 
@@ -141,18 +137,15 @@ impl Work<'_> {
     }
 }
 
-/// Lights, and samples fewer than those of the asset, that errors under environments are measured with.
+/// Lights that errors under environments are measured under.
 struct Judged {
     lights: Vec<Light>,
     etas: Vec<f64>,
-    samples: Samples,
-    patches: Vec<Patch>,
 }
 
 impl Judged {
     /// None where there is nothing to measure: no lights, or media that the rows do not serve.
     fn new(full: &Surface, unseen: &[Light]) -> Option<Self> {
-        let domain = full.domain;
         let mut lights = of_kinds(unseen, &IN_ROWS);
         if let Some(Light::Environment { rotate_degrees, .. }) =
             lights.iter().rfind(|l| l.kind() == LightKind::Environment)
@@ -161,54 +154,45 @@ impl Judged {
             lights.push(Light::Environment { map, rotate_degrees, scale: DVec3::ONE });
         }
         let entrance = EntranceBasis::new(TERMS);
-        let etas: Vec<f64> = domain.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-        if lights.is_empty() || etas.iter().any(|&eta| entrance.project(eta).is_err()) {
-            return None;
-        }
-        let count = full.samples.len().div_ceil(COARSER);
-        let samples = Samples::new(domain.mesh, domain.parts, count).in_tree_order(domain.mesh, domain.parts);
-        let patches = samples::patches(domain.mesh, &samples);
-        Some(Self { lights, etas, samples, patches })
-    }
-
-    fn surface<'a>(&'a self, full: &Surface<'a>) -> Surface<'a> {
-        Surface { domain: full.domain, bvh: full.bvh, samples: &self.samples, patches: &self.patches }
+        let etas: Vec<f64> = full.domain.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+        let serves = !lights.is_empty() && etas.iter().all(|&eta| entrance.project(eta).is_ok());
+        serves.then_some(Self { lights, etas })
     }
 
     fn lit(&self, work: &Work, progress: &dyn Progress) -> Result<Lit> {
-        Lit::new(&self.surface(work.surface), (work.settings, work.sampling), &self.lights, &self.etas, progress)
+        Lit::new(work, &self.lights, &self.etas, progress)
     }
 
     /// All of it is one block.
     fn blocks<'a>(&self, work: &Work<'a>) -> Blocks<'a> {
         work.cache.blocks("environment errors", 1, |key| {
             work.tell(key);
-            key.samples(&self.samples).rows(&self.etas);
+            key.rows(&self.etas);
         })
     }
 }
 
-/// Enters the errors of visibility, cube map and row truncation under environments, on a coarser set of samples.
+/// Enters the errors of visibility and of the rows under environments.
 fn measure(
     work: &Work,
-    receivers: &Receivers,
+    (rows, receivers): (&[RawSection], &Receivers),
     near: NearField,
     unseen: &[Light],
     ledger: &mut Ledger,
     progress: &dyn Progress,
 ) -> Result<()> {
-    let Work { surface: full, settings, sampling, cache } = *work;
-    let domain = full.domain;
-    let Some(judged) = Judged::new(full, unseen) else { return Ok(()) };
-    let Judged { lights, etas, samples, .. } = &judged;
-    progress.start("environment errors", 2 + lights.len() as u64);
-    let surface = judged.surface(full);
+    let Work { surface, settings, sampling, cache } = *work;
+    let (domain, samples) = (surface.domain, surface.samples);
+    let Some(judged) = Judged::new(surface, unseen) else { return Ok(()) };
+    let Judged { lights, etas } = &judged;
+    progress.start("environment errors", 1 + lights.len() as u64);
     let sections = cache.sections(
         "environment errors",
         |key| {
             key.surface(domain.mesh).samples(samples).rows(&domain.parts.triangle_part).rows(etas);
             let media: Vec<u32> = domain.parts.parts.iter().map(|part| part.medium.unwrap_or(u32::MAX)).collect();
-            key.rows(&media).text(&format!("{settings:?} {TERMS} {sampling:?} {NATIVE_DIRECTIONS} {CHECKED}"));
+            key.rows(&media)
+                .text(&format!("{settings:?} {TERMS} {sampling:?} {NATIVE_RAYS} {NATIVE_DIRECTIONS:?} {CHECKED}"));
             for light in lights {
                 key.light(light);
             }
@@ -216,36 +200,48 @@ fn measure(
         |sections| Lit::of_sections(sections, lights.len() * samples.len()).is_some(),
         || Ok(judged.blocks(work).record(0, || judged.lit(work, progress))?.to_sections()),
     )?;
-    let missing = || Error::runtime("irradiance that was just made is gone");
-    let Lit { visibility, differing, irradiance } =
+    let missing = || Error::runtime("what was just made is gone");
+    let Lit { visibility, differing, native } =
         Lit::of_sections(&sections, lights.len() * samples.len()).ok_or_else(missing)?;
+    let stored = StoredRows::new(Rows::from_sections(rows, &samples.part_offsets)?.ok_or_else(missing)?);
 
     let (subset, points) = probe_points(receivers, &receivers.areas_mm2(domain.mesh));
     let tree = SampleTree::default();
-    let gather = Gather::new(&surface, &tree, domain.media, near);
+    let gather = Gather::new(surface, &tree, domain.media, near);
     let radiosity = |e: &[DVec3]| gather.radiosity(&subset, &gather.light(e), Scheme::AllPairs, &Silent);
-    let [native, full, kept] = irradiance.each_ref().map(|e| e.chunks(samples.len().max(1)));
-    let [cube_map, truncation] = worst(native.zip(full).zip(kept), |((native, full), kept)| {
-        let [native, full, kept] = [native, full, kept].map(&radiosity);
-        Ok([points.error(&full, &native), points.error(&kept, &full)])
+    let [error] = worst(lights.iter().zip(native.chunks(samples.len().max(1))), |(light, native)| {
+        let (map, suns) = parts(light);
+        let mut kept = vec![DVec3::ZERO; samples.len()];
+        stored.add(&map, domain, samples, &mut kept)?;
+        // Suns go by rays, as they do at run time.
+        let suns = Illumination::new(surface, &suns, etas, sampling)?.all(&Silent);
+        let with_suns = |e: &[DVec3]| radiosity(&e.iter().zip(&suns).map(|(e, sun)| *e + *sun).collect::<Vec<_>>());
+        Ok([points.error(&with_suns(&kept), &with_suns(native))])
     })?;
     progress.finish();
-    let note = format!("the worst of {} environments, on {} samples of their own", lights.len(), samples.len());
     let [wrong, all] = differing;
     ledger.add("visibility", visibility, format!("{wrong} of {all} sub-texels decided otherwise"));
-    ledger.add("cube map", cube_map, format!("against {NATIVE_DIRECTIONS} rays into the native map; {note}"));
-    ledger.add("row truncation", truncation, format!("quantiser included; {note}"));
+    let (rays, count) = (native_sampling(work).directions, lights.len());
+    let note = format!("cube map, truncation and quantiser against {rays} rays a sample, the worst of {count} lights");
+    ledger.add("environment rows", error, note);
     Ok(())
 }
 
+/// The map of an environment without its suns, and these; another light as it is.
+fn parts(light: &Light) -> ([Light; 1], Vec<Light>) {
+    let mut all = apart(std::slice::from_ref(light), |_| true).into_iter();
+    let first = all.next().unwrap_or_else(|| light.clone());
+    ([first], all.collect())
+}
+
+/// Rays that stand for the native resolution.
+fn native_sampling(work: &Work) -> LightSampling {
+    work.sampling.with_directions_of_all(NATIVE_RAYS, work.surface.samples.len(), NATIVE_DIRECTIONS)
+}
+
 /// Tags of what [`Lit`] is kept as: five numbers of the error, two counts, irradiance.
-const LIT: [Tag; 5] = [
-    Tag::from_static("lit.err"),
-    Tag::from_static("lit.cnt"),
-    Tag::from_static("lit.nat"),
-    Tag::from_static("lit.ful"),
-    Tag::from_static("lit.kep"),
-];
+const LIT: [Tag; 3] =
+    [Tag::from_static("lit.err"), Tag::from_static("lit.cnt"), Tag::from_static("lit.nat")];
 
 /// What errors under environments are measured from, before any light scatters: of the media it depends on their refractive indices alone.
 #[derive(Serialize, Deserialize)]
@@ -254,102 +250,49 @@ struct Lit {
     visibility: VertexError,
     /// Sub-texels that are decided otherwise, and all.
     differing: [u64; 2],
-    /// Irradiance under each light at each sample: by rays into the native map, by rows without any loss, by rows.
-    irradiance: [Vec<DVec3>; 3],
+    /// Irradiance under each light at each sample by rays into the native map, its suns apart.
+    native: Vec<DVec3>,
 }
 
 impl Lit {
-    fn new(
-        surface: &Surface,
-        (settings, sampling): (EnvironmentRows, LightSampling),
-        lights: &[Light],
-        etas: &[f64],
-        progress: &dyn Progress,
-    ) -> Result<Self> {
-        let (samples, domain) = (surface.samples, surface.domain);
-        let (visibility, wrong, all) = visibility_error(surface, settings);
+    fn new(work: &Work, lights: &[Light], etas: &[f64], progress: &dyn Progress) -> Result<Self> {
+        let (visibility, wrong, all) = visibility_error(work.surface, work.settings);
         progress.advance(1);
-        let alone = Work { surface, settings, sampling, cache: &StageCache::default() };
-        let stored = StoredRows::new(alone.rows(&Silent)?);
-        let side = settings.side as usize;
-        let everything = RowBaker::new(surface, settings.of_rows(6 * side * side))?;
-        progress.advance(1);
-        // Suns go by rays, as they do at run time.
-        let parts: Vec<Vec<Light>> = lights.iter().map(|light| apart(std::slice::from_ref(light), |_| true)).collect();
-        let maps: Vec<Light> = parts.iter().map(|part| part[0].clone()).collect();
-        let unabridged = full_resolution(&everything, surface, &maps, side)?;
-        let native_sampling = LightSampling { directions: NATIVE_DIRECTIONS, ..sampling };
-        let mut irradiance = [const { Vec::new() }; 3];
-        for ((light, part), mut full) in lights.chunks(1).zip(&parts).zip(unabridged) {
-            let native = Illumination::new(surface, light, etas, native_sampling)?.all(&Silent);
-            let mut kept = vec![DVec3::ZERO; samples.len()];
-            stored.add(&part[..1], domain, samples, &mut kept)?;
-            let suns = Illumination::new(surface, &part[1..], etas, sampling)?.all(&Silent);
-            for (sum, sun) in full.iter_mut().chain(&mut kept).zip(suns.iter().cycle()) {
-                *sum += *sun;
-            }
-            irradiance.iter_mut().zip([native, full, kept]).for_each(|(all, of_light)| all.extend(of_light));
+        let mut native = Vec::with_capacity(lights.len() * work.surface.samples.len());
+        for light in lights {
+            let (map, _) = parts(light);
+            native.extend(Illumination::new(work.surface, &map, etas, native_sampling(work))?.all(&Silent));
             progress.advance(1);
         }
-        Ok(Self { visibility, differing: [wrong, all], irradiance })
+        Ok(Self { visibility, differing: [wrong, all], native })
     }
 
     fn to_sections(&self) -> Vec<RawSection> {
-        let Self { visibility: VertexError { rms, bias, p999, worst, dark }, differing, irradiance } = self;
-        let [error, count, tags @ ..] = LIT;
+        let Self { visibility: VertexError { rms, bias, p999, worst, dark }, differing, native } = self;
+        let [error, count, irradiance] = LIT;
         let (kind, raw) = (Kind::Method, Codec::Raw);
-        let mut sections = vec![
+        let rows: Vec<[f64; 3]> = native.iter().map(DVec3::to_array).collect();
+        vec![
             RawSection::from_rows(error, kind, raw, &[*rms, *bias, *p999, *worst, *dark]),
             RawSection::from_rows(count, kind, raw, differing),
-        ];
-        sections.extend(tags.into_iter().zip(irradiance).map(|(tag, e)| {
-            let rows: Vec<[f64; 3]> = e.iter().map(DVec3::to_array).collect();
-            RawSection::from_rows(tag, kind, raw, &rows)
-        }));
-        sections
+            RawSection::from_rows(irradiance, kind, raw, &rows),
+        ]
     }
 
     /// What sections hold; none where they are others, or of another number of values of each irradiance.
     fn of_sections(sections: &[RawSection], count: usize) -> Option<Self> {
-        let [error, differing, irradiance @ ..] = sections else { return None };
+        let [error, differing, native] = sections else { return None };
         if !sections.iter().map(|section| section.tag).eq(LIT) {
             return None;
         }
         let [rms, bias, p999, worst, dark] = error.rows::<f64>().ok()?.try_into().ok()?;
-        let values = |section: &RawSection| -> Option<Vec<DVec3>> {
-            let rows = section.rows::<[f64; 3]>().ok().filter(|rows| rows.len() == count)?;
-            Some(rows.into_iter().map(DVec3::from_array).collect())
-        };
-        let irradiance: Vec<Vec<DVec3>> = irradiance.iter().map(values).collect::<Option<_>>()?;
+        let native = native.rows::<[f64; 3]>().ok().filter(|rows| rows.len() == count)?;
         Some(Self {
             visibility: VertexError { rms, bias, p999, worst, dark },
             differing: differing.rows::<u64>().ok()?.try_into().ok()?,
-            irradiance: irradiance.try_into().ok()?,
+            native: native.into_iter().map(DVec3::from_array).collect(),
         })
     }
-}
-
-/// Irradiance under each light from rows of which nothing is dropped, chunk by chunk.
-fn full_resolution(baker: &RowBaker, surface: &Surface, lights: &[Light], side: usize) -> Result<Vec<Vec<DVec3>>> {
-    let lights: Vec<CubeLight> = lights.iter().map(|light| CubeLight::new(light, side)).collect::<Result<_>>()?;
-    let entrance = EntranceBasis::new(TERMS);
-    let (samples, domain) = (surface.samples, surface.domain);
-    let project = |patch: usize| {
-        let part = samples.part_offsets.partition_point(|&first| first as usize <= patch) - 1;
-        let medium = domain.parts.parts[part].medium.and_then(|m| domain.media.get(m as usize));
-        let projection = medium.and_then(|m| entrance.project(m.properties.eta_inside_over_outside).ok());
-        projection.map_or_else(Default::default, |p| p.coefficients)
-    };
-    let chunk = |range: Range<usize>| -> Result<Vec<Vec<DVec3>>> {
-        let rows = Rows::new(baker.range(range.clone()), &[0, range.len() as u32])?;
-        let of_light = |light| rows.irradiance_range(0..range.len(), light, |i| project(range.start + i));
-        lights.iter().map(of_light).collect()
-    };
-    let count = samples.len();
-    let ranges: Vec<Range<usize>> =
-        (0..count).step_by(visibility::GROUP).map(|a| a..count.min(a + visibility::GROUP)).collect();
-    let parts: Vec<Vec<Vec<DVec3>>> = ranges.into_par_iter().map(chunk).collect::<Result<_>>()?;
-    Ok((0..lights.len()).map(|light| parts.iter().flat_map(|part| part[light].iter().copied()).collect()).collect())
 }
 
 /// Error of the irradiance under a constant light by visibility decisions that differ from one ray each, over some samples; how
@@ -391,6 +334,7 @@ mod tests {
     use super::*;
     use crate::forms::test_scene::scene;
     use crate::geometry::bvh::Bvh;
+    use crate::geometry::samples::{self, Samples};
     use crate::geometry::shapes;
 
     /// A sun in a map is lit like a directional light: with its shadows, and at its place.

@@ -4,15 +4,17 @@ use glam::DVec3;
 use translux_format::filtered_normals::{self as stored, Numbers};
 
 use super::evaluate::{FilteredNormalsEvaluator, STAGE};
-use super::fit::Fitted;
+use super::fit::{Fitted, MEASURED, MEASURED_OF_FIT};
 use super::geometric::Sums;
 use super::points::{Points, STEPS_OF_OCTAVE, TOLERANCE};
 use super::settings::{Bleeding, Filter, FilteredNormals};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
+use crate::evaluate::stages::of_kinds;
 use crate::evaluate::{AssetParts, BakeSettings};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::laplacian::{Laplacian, NONE};
+use crate::light::{Light, LightKind};
 use crate::math::sparse::bands::{self, Found};
 use crate::progress::{Progress, Silent, stage};
 use crate::scene::Scene;
@@ -23,6 +25,9 @@ const NARROWEST: f64 = 0.4;
 
 /// Quantiser steps for each unit of a normal.
 const STEPS: f64 = 128.0;
+
+/// Turns of suns that graze the largest flat area, beside the probe lights: those are what the method is farthest off under.
+const GRAZING_TURNS: [f64; 4] = [0.06, 0.31, 0.44, 0.81];
 
 /// A ladder of fields over the points, and a note on its making.
 pub(super) struct Fields {
@@ -77,7 +82,14 @@ pub(super) fn bake(
     let mut ledger = Ledger::default();
     if !settings.probes.unseen.is_empty() {
         let sets: Vec<_> = settings.probes.unseen.iter().map(|light| vec![light.clone()]).collect();
-        let error = stage(progress, "error", || evaluator.error_under(&sets, &Silent))?;
+        // The error differs from sun to sun: those of the fit count too, which finds two numbers that hold for all.
+        let suns = of_kinds(&settings.probes.tuning, &[LightKind::Directional]);
+        let grazing = GRAZING_TURNS.map(|turn| Light::Directional { from: scene.grazing(turn), irradiance: DVec3::ONE });
+        let suns: Vec<_> = suns.into_iter().chain(grazing).map(|light| vec![light]).collect();
+        let error = stage(progress, "error", || {
+            let error = evaluator.error_under(&sets, MEASURED, &Silent)?;
+            Ok(error.max(evaluator.error_under(&suns, MEASURED_OF_FIT, &Silent)?))
+        })?;
         ledger.add(STAGE, error, format!("against exact sums over samples, the worst of the probe lights; {note}"));
     }
     let sections = asset.to_sections(&earlier).map_err(|e| Error::runtime(format!("asset: {e}")))?;

@@ -6,6 +6,7 @@ use glam::DVec3;
 use translux_format::Budget;
 use translux_format::filtered_normals::{self as stored, Numbers};
 
+use super::fit::MEASURED;
 use super::light::{Entrance, Lit, Lookers};
 use super::points::{Points, STEPS_OF_OCTAVE, TOLERANCE};
 use super::response::{Ladder, dipoles, response};
@@ -379,7 +380,7 @@ impl Evaluator for FilteredNormalsEvaluator {
         let together = [self.lights.clone()];
         let each = unseen.iter().map(|light| vec![light.clone()]);
         let sets: Vec<Vec<Light>> = together.into_iter().chain(each).collect();
-        let error = self.error_under(&sets, progress)?;
+        let error = self.error_under(&sets, MEASURED, progress)?;
         let mut ledger = Ledger::default();
         ledger.add(STAGE, error, "against exact sums over samples, the worst of these lights and of probe lights");
         Ok(ledger)

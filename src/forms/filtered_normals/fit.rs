@@ -15,8 +15,10 @@ use crate::progress::{Progress, Silent};
 /// Vertices that the shape is fitted on.
 const PROBES: usize = 768;
 
-/// Vertices that errors are measured on; where there are not many more, all are.
-const MEASURED: usize = 2048;
+/// Vertices that errors are measured on under lights that the fit did not see and those that it might have; where there are not many more,
+/// all are.
+pub(super) const MEASURED: usize = 2048;
+pub(super) const MEASURED_OF_FIT: usize = 512;
 
 /// Lights of the fit.
 const LIGHTS: usize = 4;
@@ -77,12 +79,17 @@ impl FilteredNormalsEvaluator {
         Ok(best)
     }
 
-    /// The error under the worst of some sets of lights.
-    pub(super) fn error_under(&mut self, sets: &[Vec<Light>], progress: &dyn Progress) -> Result<VertexError> {
-        let (subset, indices) = if self.points.len() <= 2 * MEASURED {
+    /// The error under the worst of some sets of lights, on so many vertices.
+    pub(super) fn error_under(
+        &mut self,
+        sets: &[Vec<Light>],
+        measured: usize,
+        progress: &dyn Progress,
+    ) -> Result<VertexError> {
+        let (subset, indices) = if self.points.len() <= 2 * measured {
             (self.points.receivers.clone(), (0..self.points.len() as u32).collect())
         } else {
-            self.points.receivers.subset(MEASURED, 1)
+            self.points.receivers.subset(measured, 1)
         };
         let areas: Vec<f64> = indices.iter().map(|i| self.points.areas[*i as usize]).collect();
         let mut error = VertexError::default();

@@ -97,6 +97,24 @@ impl GatheredEvaluator {
     }
 }
 
+impl GatheredEvaluator {
+    /// Radiosity of some receivers over all pairs, with the near field of the truth, RGB.
+    ///
+    /// # Errors
+    /// Failures of the work.
+    pub fn all_pairs_at(&mut self, receivers: &Receivers, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        self.light_up(progress)?;
+        let near = NearField::REFERENCE;
+        let returned = self.outside.map(|outside| self.return_light(outside, near, Scheme::AllPairs, progress));
+        let surface = self.surface();
+        let gather = self.gather(&surface, near);
+        let (direct, pieces) = self.direct();
+        let irradiance = returned.as_ref().map_or(direct, |returned| &returned.irradiance);
+        let lit = gather.light_with_pieces(irradiance, pieces);
+        Ok(not_negative(gather.radiosity(receivers, &lit, Scheme::AllPairs, progress)))
+    }
+}
+
 impl Evaluator for GatheredEvaluator {
     fn capabilities(&self) -> Capabilities {
         let profile = if self.model.is_some() { ProfileEdit::Calibrated } else { ProfileEdit::Any };
@@ -305,16 +323,8 @@ impl Evaluator for GatheredEvaluator {
     }
 
     fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        self.light_up(progress)?;
-        let near = NearField::REFERENCE;
-        let returned = self.outside.map(|outside| self.return_light(outside, near, Scheme::AllPairs, progress));
-        let surface = self.surface();
-        let gather = self.gather(&surface, near);
-        let (direct, pieces) = self.direct();
-        let irradiance = returned.as_ref().map_or(direct, |returned| &returned.irradiance);
-        let lit = gather.light_with_pieces(irradiance, pieces);
-        let values = gather.radiosity(&self.receivers, &lit, Scheme::AllPairs, progress);
-        Ok(self.receivers.expand(&not_negative(values)))
+        let receivers = self.receivers.clone();
+        Ok(receivers.expand(&self.all_pairs_at(&receivers, progress)?))
     }
 
     #[cfg(feature = "gpu")]

@@ -22,6 +22,9 @@ use crate::scene::Scene;
 const LEAST_COUNT: u32 = 64;
 pub(super) const MOST_COUNT: u32 = 1 << 14;
 
+/// Samples at least of the exact sums that texels are measured by: they cost little, and are to err less than texels.
+const LEAST_OF_TRUTH: usize = 1 << 14;
+
 /// Share of the asked error for the samples; the texture has the rest.
 pub(super) const OF_SAMPLES: f64 = 0.5;
 
@@ -59,7 +62,7 @@ pub(super) fn bake(
     let numbers = Numbers {
         resolution,
         count: asked.unwrap_or(LEAST_COUNT),
-        truth_samples: truth_samples.min(u32::MAX as usize) as u32,
+        truth_samples: truth_samples.clamp(LEAST_OF_TRUTH, u32::MAX as usize) as u32,
     };
     let in_file = atlas::Atlas { numbers: numbers_of(&report, resolution), corners: atlas.codes() };
     let mut evaluator = TextureSpaceEvaluator::new(form, scene, atlas, numbers)?;

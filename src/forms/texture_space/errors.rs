@@ -20,6 +20,9 @@ const SAMPLES: &str = "samples";
 /// Vertices that errors are measured on; where there are not many more, all are.
 const MEASURED: usize = 2048;
 
+/// Vertices that texels are held against exact sums at: all, or half as many where there are more.
+const MEASURED_EXACTLY: usize = 1024;
+
 /// What twice the samples leave of the error at most, where they are worth it.
 const WORTH_MORE: f64 = 0.9;
 
@@ -90,6 +93,8 @@ impl TextureSpaceEvaluator {
     /// The errors of texels against exact sums and of samples against all texels, under the worst of some sets of lights.
     pub(super) fn errors(&mut self, sets: &[Vec<Light>], note: &str) -> Result<Ledger> {
         let (receivers, areas) = self.measured(1);
+        // Exact sums take their time where there are many vertices.
+        let (some, of_some) = receivers.all_or_probe_points(&areas, MEASURED_EXACTLY, (MEASURED_EXACTLY / 2, 1));
         let mut worst = [VertexError::default(); 2];
         for lights in sets {
             let lit = self.illuminate(lights, &Silent)?;
@@ -99,9 +104,10 @@ impl TextureSpaceEvaluator {
             if let Some(profile) = &self.profile {
                 truth.set_profile(profile.clone())?;
             }
-            let expected = truth.radiosity_at(&receivers, &Silent)?;
+            let expected = truth.all_pairs_at(&some, &Silent)?;
             let of = |values: &[DVec3], truth: &[DVec3]| vertex_error(values, truth, &areas).or_none();
-            worst = [worst[0].max(of(&all, &expected)), worst[1].max(of(&found, &all))];
+            let errors = [of_some.error(&of_some.of(&all), &expected), of(&found, &all)];
+            worst.iter_mut().zip(errors).for_each(|(worst, error)| *worst = worst.max(error));
         }
         let (texels, side) = (self.map.texels, self.map.resolution);
         let mut ledger = Ledger::default();

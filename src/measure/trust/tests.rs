@@ -47,7 +47,7 @@ fn asset_of(scene: Scene, method: &str, given: &[(&str, &str)]) -> Asset {
     let settings = BakeSettings {
         samples: Some(SAMPLES),
         for_lights: [LightKind::Directional, LightKind::Point].into_iter().collect(),
-        probes: for_bake(&scene.mesh),
+        probes: for_bake(&scene),
         ..BakeSettings::new(0.02)
     };
     let registry = built_in();

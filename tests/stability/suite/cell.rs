@@ -8,14 +8,15 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use translux::Imported;
 use translux::asset::Asset;
-use translux::compress::ledger::Ledger;
+use translux::compress::ledger::{Ledger, SUN_ALONE};
 use translux::error::{Error, Result};
 use translux::evaluate::{BakeSettings, Evaluator};
-use translux::light::{Light, LightKind};
+use translux::light::LightKind;
 use translux::math::statistics::VertexError;
 use translux::measure::between_vertices::between_vertices;
 use translux::measure::light_places::{Doubt, doubtful};
 use translux::measure::probes;
+use translux::measure::sample_spacing::too_far_apart;
 use translux::methods;
 use translux::progress::Silent;
 use translux::report::sizes::sizes;
@@ -27,6 +28,9 @@ use super::{Case, Way};
 
 /// Errors below this, and below the truth's own, are none.
 const FLOOR: f64 = 1e-3;
+
+/// What an RMS over some of the vertices may differ by from that over others.
+const SUBSET: f64 = 1.02;
 
 /// An error between vertices that the import warns of.
 const BETWEEN: f64 = 0.05;
@@ -84,6 +88,8 @@ pub struct Session<'a> {
     truth: Option<Truth>,
     /// True radiosity and its own error, by light.
     known: BTreeMap<String, (Vec<DVec3>, f64)>,
+    /// RMS radiosity under the first light.
+    brightest: Option<f64>,
 }
 
 impl<'a> Session<'a> {
@@ -100,7 +106,7 @@ impl<'a> Session<'a> {
                 }
             }
         }
-        Self { case, imported, faults, warnings, between, truth: None, known: BTreeMap::new() }
+        Self { case, imported, faults, warnings, between, truth: None, known: BTreeMap::new(), brightest: None }
     }
 
     /// Runs a way on all lights of the case.
@@ -130,6 +136,19 @@ impl<'a> Session<'a> {
         cells
     }
 
+    /// What a way promises, by stage: the ledger of an asset that holds transport, else what `--measure` tells under each light.
+    pub fn stages(&self, way: &Way) -> Result<Vec<(String, Ledger)>> {
+        let mut opened = opened(self.case, way, self.imported.clone()?)?;
+        if opened.is_stored(self.case) {
+            return Ok(vec![("ledger".to_owned(), opened.asset.ledger)]);
+        }
+        let under = |lamp: &Lamp| {
+            opened.evaluator.set_lights(vec![lamp.light(&opened.shown)?], &Silent)?;
+            Ok((lamp.name(), probes::by_stage(opened.evaluator.as_mut(), &Silent)?))
+        };
+        self.case.lamps.iter().map(under).collect()
+    }
+
     /// The cell of one light.
     fn under(&mut self, lamp: Lamp, way: &Way, opened: &mut Opened) -> Result<Cell> {
         let Opened { evaluator, shown, .. } = &mut *opened;
@@ -141,9 +160,11 @@ impl<'a> Session<'a> {
                 Doubt::Inside => "inside the body",
                 Doubt::OnSurface => "on the surface",
                 Doubt::Near => "nearer to the surface than samples lie apart",
+                Doubt::Narrow => "narrower than samples lie apart",
             };
             format!("the light is {what}")
         }));
+        says.extend(self.case.samples.and_then(|count| too_far_apart(shown, count)));
         let excused = !says.is_empty();
         says.extend(self.warnings.iter().cloned());
         evaluator.set_lights(vec![light.clone()], &Silent)?;
@@ -155,9 +176,20 @@ impl<'a> Session<'a> {
         };
         let values = truth.places.of(&all);
         let black = expected.iter().chain(&values).all(|b| *b == DVec3::ZERO);
-        let measured = finite(truth.places.error(&values, expected));
-        let promised = finite(opened.promise(self.case, &light)?);
+        let rms = |values: &[DVec3]| (values.iter().map(|b| b.length_squared()).sum::<f64>() / values.len().max(1) as f64).sqrt();
+        let brightest = *self.brightest.get_or_insert_with(|| rms(expected));
+        let measured = if expected.iter().all(|b| *b == DVec3::ZERO) && brightest > 0.0 {
+            // Nothing is relative to black: light where there is none is told by what the first light of the row brings.
+            let grey = DVec3::splat(brightest / 3f64.sqrt());
+            let lit: Vec<DVec3> = values.iter().map(|b| *b + grey).collect();
+            finite(truth.places.error(&lit, &vec![grey; values.len()]))
+        } else {
+            finite(truth.places.error(&values, expected))
+        };
+        let promised = finite(opened.promise(self.case, lamp)?);
         let floor = own.max(FLOOR);
+        // What is measured has the error of the truth in it, and what is promised was measured at other vertices.
+        let most = SUBSET * promised.rms.hypot(*own) + 0.1 * floor;
         // Negative values are errors like others: as large as was promised.
         let mean_square = expected.iter().map(|b| *b * *b).sum::<DVec3>() / expected.len().max(1) as f64;
         let bound = -promised.worst.max(floor) * mean_square.max_element().sqrt();
@@ -166,8 +198,8 @@ impl<'a> Session<'a> {
             _ if !sound => Verdict::Broken,
             _ if black => Verdict::Passed,
             rms if rms <= floor && promised.rms <= 4.0 * floor => Verdict::Passed,
-            rms if rms > promised.rms + 0.1 * floor && !excused => Verdict::Unannounced,
-            rms if rms > promised.rms + 0.1 * floor => Verdict::Warned,
+            rms if rms > most && !excused => Verdict::Unannounced,
+            rms if rms > most => Verdict::Warned,
             rms if rms < 0.5 * promised.rms => Verdict::Pessimistic,
             _ => Verdict::Passed,
         };
@@ -238,7 +270,7 @@ fn baked(case: &Case, way: &Way, imported: Imported) -> Result<(Asset, f64)> {
     let settings = BakeSettings {
         samples: case.samples,
         for_lights: case.lamps.iter().map(|lamp| lamp.kind()).collect(),
-        probes: probes::for_bake(&imported.scene.mesh),
+        probes: probes::for_bake(&imported.scene),
         ..BakeSettings::new(method.default_max_rms())
     };
     let asset = method.recipe(&given, settings)?.bake(imported.scene, imported.origin.into(), &Silent)?;
@@ -255,13 +287,16 @@ impl Opened {
     }
 
     /// What was promised: the ledger of an asset that holds transport, else what `--measure` tells.
-    fn promise(&mut self, case: &Case, light: &Light) -> Result<VertexError> {
+    fn promise(&mut self, case: &Case, lamp: Lamp) -> Result<VertexError> {
         let Self { asset, evaluator, .. } = &*self;
         if self.is_stored(case) {
-            let far = light.kind() == LightKind::Environment;
+            let far = lamp.kind() == LightKind::Environment;
             let ledger = &asset.ledger;
             let rms = if far { ledger.total_rms() } else { ledger.total_rms_without_environment() };
-            return Ok(VertexError { rms, ..summed(ledger) });
+            let all = VertexError { rms, ..summed(ledger) };
+            // Of an environment with a sun in it some methods say apart what they are worth.
+            let sun = ledger.entries.iter().find(|entry| entry.stage == SUN_ALONE && lamp.is_sun_of_environment());
+            return Ok(sun.map_or(all, |sun| all.max(sun.error)));
         }
         if evaluator.scene().parts.parts.iter().all(|part| !part.transfers()) {
             return Ok(VertexError::default());

@@ -75,6 +75,11 @@ impl Lamp {
         }
     }
 
+    /// Whether it is an environment with a sun in it.
+    pub fn is_sun_of_environment(self) -> bool {
+        matches!(self, Self::SkyWithSun | Self::LoneSun | Self::LowSun)
+    }
+
     /// The light; its irradiance where the body stands is about 1.
     pub fn light(self, scene: &Scene) -> Result<Light> {
         let mesh = &scene.mesh;

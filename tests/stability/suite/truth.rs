@@ -73,8 +73,6 @@ impl Places {
 pub struct Truth {
     pub places: Places,
     sums: BTreeMap<(bool, usize), Box<dyn Evaluator>>,
-    /// Error of the truth itself under the first sharp light and the first soft one.
-    own: BTreeMap<bool, f64>,
     sharp: usize,
 }
 
@@ -82,22 +80,16 @@ impl Truth {
     /// A truth for methods with the numbers of samples that they choose, or with the few of the suite.
     pub fn new(scene: &Scene, many: bool) -> Self {
         let sharp = if many { SHARP_OF_MANY } else { SHARP };
-        Self { places: Places::new(scene), sums: BTreeMap::new(), own: BTreeMap::new(), sharp }
+        Self { places: Places::new(scene), sums: BTreeMap::new(), sharp }
     }
 
-    /// Radiosity under a light, and the error of that: the difference from half as many samples, under the first light of its softness.
+    /// Radiosity under a light, and the error of that: the difference from half as many samples.
     pub fn under(&mut self, scene: &Scene, light: &Light) -> Result<(Vec<DVec3>, f64)> {
         let soft = !matches!(light.kind(), LightKind::Directional | LightKind::Point);
         let count = if soft { SOFT.max((2 * scene.mesh.triangles.len()).min(self.sharp)) } else { self.sharp };
         let values = self.at(scene, (soft, count), light)?;
-        let own = match self.own.get(&soft) {
-            Some(own) => *own,
-            None => {
-                let coarser = self.at(scene, (soft, count / 2), light)?;
-                let own = self.places.error(&coarser, &values).or_none().rms;
-                *self.own.entry(soft).or_insert(own)
-            }
-        };
+        let coarser = self.at(scene, (soft, count / 2), light)?;
+        let own = self.places.error(&coarser, &values).or_none().rms;
         Ok((values, own))
     }
 

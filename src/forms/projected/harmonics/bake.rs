@@ -337,5 +337,6 @@ fn measure(
     let what = if folded.is_some() { "all of it on vertices between" } else { "interpolation from" };
     ledger.add("reference points", errors[1], format!("{what} {} of them, as above", net.point.len()));
     ledger.add("coding", errors[2], format!("basis and quantiser, as above; all of it {}", under_suns(suns)));
+    work.enter_sun(ledger, suns);
     Ok(())
 }

@@ -131,13 +131,9 @@ impl Form for QuantisedLights {
         progress.finish();
         sampled.with_transfer(NearField::for_error(settings.max_rms), |mut transfer| {
             let mut tuning = chosen(&settings.probes.tuning, TUNING);
-            let mut unseen = settings.probes.unseen.clone();
-            if settings.is_for(LightKind::Directional) {
-                for (lights, turns) in [(&mut tuning, distant::TUNING_TURNS), (&mut unseen, distant::UNSEEN_TURNS)] {
-                    if !lights.is_empty() {
-                        lights.extend(distant::edge_on(scene, turns));
-                    }
-                }
+            let unseen = &settings.probes.unseen;
+            if settings.is_for(LightKind::Directional) && !tuning.is_empty() {
+                tuning.extend(distant::edge_on(scene, distant::TUNING_TURNS));
             }
             let asked = |key: &mut Key| {
                 key.text(&format!("{self:?} {}", settings.max_rms)).samples(&sampled.samples);
