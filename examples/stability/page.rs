@@ -18,7 +18,7 @@ one is worse than recorded.
 **Promised** is the sum of the stages of the asset's ledger; where an asset holds no transport, what `evaluate --measure` tells. A cell passes where measured / promised lies between 0.5
 and 1, where both are below what the truth can tell (0.1 %, or its own error), or where the method refuses and says why. The others are
 *pessimistic* (less than half of what was promised), *warned* (more than promised, and a warning names a fault of the mesh or the place of the light), or **unannounced** (more than
-promised, and nothing says so). Where no light falls at all the error is relative to
+promised, and nothing says so). More is what exceeds the promised error and that of the truth itself (their squares added) by a fiftieth, since the one is measured at other vertices than the other. Where no light falls at all the error is relative to
 what the first light of the row brings. What is not finite, or more negative than the worst vertex that was promised, would be *broken*. An asset that holds transport promises for every light of a row: its worst light decides whether that is pessimistic.
 
 ";
@@ -197,22 +197,23 @@ In % of the RMS radiosity, measured / promised; dark is relative to the mean of 
 const REASONS: &str = "\
 ## What fails, and why
 
-Of the run of 2026-11-25, on a machine with much else to do; rows that say *not run* wait for `scripts/stability`, which goes on where it was stopped.
+Of the run of 2026-11-29.
 
 | what | why |
 | --- | --- |
-| `filtered_normals`, more than promised under suns and near lights | its error differs by direction up to 1.7 times, nine times on a thin sheet, and the ledger has four directions, one point light at most |
-| `filtered_normals`, `quantized_lights`, light where there is none (a sun behind an open triangle, a lamp inside the body) | one interpolates between lights on both sides of the plane, the other has the light's direction at the vertex and no surface around it |
-| `texture_space`, 1.1 to 1.6 times the promised error, on the cube and in milk | the ledger has the choice of samples against all of the atlas; what the texels themselves miss (near field, one normal a texel) is in no stage |
-| `editable` and `editable stored`, up to 1.9 times on the cube of 12 triangles and on the open plane with 8,192 samples | sampling is taken to fall with the number of samples, from half as many; where a few large triangles are cut evenly it does not |
-| `editable stored`, a light on the surface | a warning names the light; the far field ends where light falls between two samples |
+| `filtered_normals`, suns along a sheet, a wall or a face, a point at 1.1 radii | its error differs by direction, most under light that grazes, where little light falls and the error is relative to that: thirty suns in its ledger do not have the worst of all; its points are 1.5 radii away |
+| `filtered_normals`, a lamp on the surface or inside the body | it has the light's direction at the vertex, and no surface around it; a warning names the light |
+| `texture_space`, facing walls, a sun along the gap | the terminator passes between texels there, and under no sun of the ledger |
+| `texture_space`, 8 to 12 % off on a head of 10 m and at an albedo of 0.001 | texels at the edges of charts do not cover all of the surface, and light leaves where it enters; its ledger says so |
+| `editable stored`, open plane, 0.5 % of 0.3 % | the stages of the ledger are measured beside a near field from rings; what sums at run time are off on a plane whose vertices are a spacing apart is in none of them, and in `evaluate --measure` (0.50 %) |
+| `editable`, `quantized_lights`, `all_frequency`, a head of 1 and 10 m, an albedo of 0.001 (*warned*) | samples lie 8 to 100 mean free paths apart: a single vertex at the edge of a shadow is off by a quarter to a half, under one sun and not under another; a warning says it |
 | `all_frequency`, edge-on to a plane, a sheet or a triangle | 1,024 harmonics resolve 6 degrees: light 3 degrees above a plane is up to two thirds too bright or too dark; the ledger says so since edge-on suns are among its lights, and is pessimistic for other suns |
-| `editable`, `editable stored` on a thin sheet under a sky, 19 to 32 times too pessimistic | not looked into: the stages of the rows for environments |
-| an albedo of 0.001, every method but `two_pass` | not looked into: the mean free path is 0.001 mm, so that radiosity follows the irradiance of the place itself, which no sample of 0.5 mm has |
-| facing walls, `two_pass`, `editable`, 1.05 to 1.2 times | the estimate of sampling itself, where half of the surface is in shadow |
+| `quantized_lights`, `all_frequency`, `editable stored`, pessimistic | the ledger has edge-on suns, under which little light falls and errors are large beside it, and adds its stages up; `editable stored` promises for 13 materials |
+| `two_pass`, `reference`, pessimistic on the sheet, the elephant and under a narrow spot | errors of sampling are told by half as many samples, which miss thin parts that all of them have |
+| a light on the surface, and a spot narrower than the samples lie apart (*warned*) | warnings name them |
 | between vertices, all methods that end at vertices | a mesh property: 68 % on the cube of 12 triangles, 21 % on walls that face each other; the import warns from 5 % on, `render` takes the exitance at each pixel where the asset gathers at run time, and `bake --refine auto` adds the vertices that the others need |
 | dark half of `quantized_lights` and `all_frequency` | errors of functions of the light and of their coding are as large in the dark as in the light; told by the bake, not mended |
 
-Not in the table: constants of the medium in 8 bits (the encodings of `examples/papers` have them, no method does).
+Not in the table: constants of the medium in 8 bits (the encodings of `examples/papers` have them, no method does), and calibrated kernels, which the [planner](planner.md#calibrated-kernels) and the [model](model.md) have pages for.
 
 ";

@@ -87,7 +87,8 @@ impl BakeSettings {
         let mut settings = self.clone();
         settings.probes.unseen.retain(|light| match light.kind() {
             LightKind::Directional => true,
-            LightKind::Point | LightKind::Area | LightKind::Spot => near,
+            LightKind::Point | LightKind::Area => near,
+            LightKind::Spot => self.is_for(LightKind::Spot),
             LightKind::Environment | LightKind::Constant => soft,
         });
         settings

@@ -110,7 +110,8 @@ fn narrow(
     let Light::Spot { at_mm, cone, .. } = of else { return None };
     let nearest = surface.find(*at_mm - scene.mesh.origin_mm, DVec3::ZERO, 0.0)?;
     let width_mm = 2.0 * nearest.distance_mm * (0.5 * cone.angle_degrees.to_radians()).tan();
-    let part = scene.parts.triangle_part.get(nearest.triangle as usize).and_then(|&p| scene.parts.parts.get(p as usize));
+    let part =
+        scene.parts.triangle_part.get(nearest.triangle as usize).and_then(|&p| scene.parts.parts.get(p as usize));
     (width_mm < spacing_mm).then(|| DoubtfulLight {
         light,
         doubt: Doubt::Narrow,

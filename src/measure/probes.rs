@@ -104,8 +104,14 @@ pub fn environments(half: Half) -> Vec<Light> {
         .to_vec()
 }
 
-/// Turns of the suns that graze the largest flat area, in full turns: others than choices look at.
-const GRAZING_TURNS: [f64; 2] = [0.17, 0.58];
+/// Turns of the suns that graze the largest flat area, in full turns: others than choices look at. The last two are those of small meshes,
+/// where a light costs little and flat areas are large.
+const GRAZING_TURNS: [f64; 4] = [0.17, 0.58, 0.07, 0.83];
+const SMALL: usize = 8192;
+
+/// A spot whose edge crosses the body, for bakes that are asked for spots: bounding radii from the centre, and of the place beside it that the
+/// axis goes through; degrees; share of the half angle over which it falls off.
+const SPOT: (f64, f64, f64, f64) = (2.0, 0.4, 25.0, 0.1);
 
 /// The probe lights of a bake: the whole tuning half for its choices, a few of the other half, environments and suns edge-on to the
 /// largest flat area for the figures of its ledger.
@@ -114,8 +120,10 @@ pub fn for_bake(scene: &Scene) -> Probes {
     let tuning = directional(Half::Tuning).into_iter().chain(points(mesh, Half::Tuning)).collect();
     let directions = all_around(&directional(Half::Figures), OF_A_LEDGER).into_iter();
     let point = points(mesh, Half::Figures).into_iter().take(1);
-    let grazing = GRAZING_TURNS.map(|turn| Light::Directional { from: scene.grazing(turn), irradiance: DVec3::ONE });
-    Probes { tuning, unseen: directions.chain(point).chain(environments(Half::Figures)).chain(grazing).collect() }
+    let turns = if mesh.local_mm.len() > SMALL { &GRAZING_TURNS[..2] } else { &GRAZING_TURNS[..] };
+    let grazing = turns.iter().map(|turn| Light::Directional { from: scene.grazing(*turn), irradiance: DVec3::ONE });
+    let soft = environments(Half::Figures).into_iter();
+    Probes { tuning, unseen: directions.chain(point).chain(soft).chain(grazing).chain(spot(mesh)).collect() }
 }
 
 /// The error of an evaluator under the lights in force, by stage; stages tuned for these lights are measured under the
@@ -126,6 +134,15 @@ pub fn for_bake(scene: &Scene) -> Probes {
 pub fn by_stage(evaluator: &mut dyn Evaluator, progress: &dyn Progress) -> Result<Ledger> {
     let unseen = unseen(&evaluator.scene().mesh);
     evaluator.measured_error(&unseen, progress)
+}
+
+/// The spot of a bake's figures; none on a mesh without extent.
+fn spot(mesh: &Mesh) -> Option<Light> {
+    let (distance, beside, degrees, blend) = SPOT;
+    let (radius, from) = (0.5 * mesh.diagonal_mm(), DVec3::new(0.6, 0.5, -0.62).normalize());
+    let (at, to) = (distance * radius * from, beside * radius * from.any_orthonormal_vector());
+    let intensity = DVec3::splat((distance * radius).powi(2));
+    Light::spot(mesh.origin_mm + at, mesh.origin_mm + to, degrees, blend, intensity).ok()
 }
 
 /// The constant light of radiance 1.

@@ -27,17 +27,21 @@ pub fn too_far_apart(scene: &Scene, count: usize) -> Option<String> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::forms::test_scene::scene;
-    use crate::geometry::shapes;
+    use crate::geometry::mesh::{Mesh, Placement};
+    use crate::geometry::part_table::PartTable;
+    use crate::geometry::shapes::icosphere;
+    use crate::medium::material::{Medium, preset};
 
     #[test]
     fn samples_are_too_few_for_a_body_of_many_mean_free_paths() {
-        let ball = scene(shapes::icosphere(100.0, 3), "marble");
-        let longest = ball.media[0].properties.mean_free_path_mm().max_element();
-        let area = ball.parts.parts[0].area_mm2;
-        let few = (area / (4.0 * longest).powi(2)) as usize;
+        let (mesh, _) = Mesh::from_source(icosphere(100.0, 3), &Placement { mm_per_unit: 1.0 }).unwrap();
+        let parts = PartTable::new(&mesh, vec![0; mesh.triangles.len()], vec![("ball".to_owned(), Some(0))]);
+        let media = vec![Medium { name: "marble".to_owned(), properties: preset("marble").unwrap().properties() }];
+        let ball = Scene { mesh, parts, media };
+        let longest: f64 = ball.media[0].properties.mean_free_path_mm().max_element();
+        let few = (ball.parts.parts[0].area_mm2 / (4.0 * longest).powi(2)) as usize;
         let told = too_far_apart(&ball, few).unwrap();
-        assert!(told.contains("mean free paths of marble") && told.contains("4.0"), "{told}");
+        assert!(told.contains("4.0 mean free paths of marble"), "{told}");
         assert_eq!(too_far_apart(&ball, 2 * few), None);
     }
 }

@@ -240,8 +240,7 @@ fn native_sampling(work: &Work) -> LightSampling {
 }
 
 /// Tags of what [`Lit`] is kept as: five numbers of the error, two counts, irradiance.
-const LIT: [Tag; 3] =
-    [Tag::from_static("lit.err"), Tag::from_static("lit.cnt"), Tag::from_static("lit.nat")];
+const LIT: [Tag; 3] = [Tag::from_static("lit.err"), Tag::from_static("lit.cnt"), Tag::from_static("lit.nat")];
 
 /// What errors under environments are measured from, before any light scatters: of the media it depends on their refractive indices alone.
 #[derive(Serialize, Deserialize)]

@@ -27,7 +27,7 @@ const NARROWEST: f64 = 0.4;
 const STEPS: f64 = 128.0;
 
 /// Turns of suns that graze the largest flat area, beside the probe lights: those are what the method is farthest off under.
-const GRAZING_TURNS: [f64; 4] = [0.06, 0.31, 0.44, 0.81];
+const GRAZING_TURNS: [f64; 8] = [0.04, 0.11, 0.24, 0.31, 0.44, 0.67, 0.76, 0.93];
 
 /// A ladder of fields over the points, and a note on its making.
 pub(super) struct Fields {
@@ -84,7 +84,8 @@ pub(super) fn bake(
         let sets: Vec<_> = settings.probes.unseen.iter().map(|light| vec![light.clone()]).collect();
         // The error differs from sun to sun: those of the fit count too, which finds two numbers that hold for all.
         let suns = of_kinds(&settings.probes.tuning, &[LightKind::Directional]);
-        let grazing = GRAZING_TURNS.map(|turn| Light::Directional { from: scene.grazing(turn), irradiance: DVec3::ONE });
+        let grazing =
+            GRAZING_TURNS.map(|turn| Light::Directional { from: scene.grazing(turn), irradiance: DVec3::ONE });
         let suns: Vec<_> = suns.into_iter().chain(grazing).map(|light| vec![light]).collect();
         let error = stage(progress, "error", || {
             let error = evaluator.error_under(&sets, MEASURED, &Silent)?;

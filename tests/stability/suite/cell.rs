@@ -176,7 +176,9 @@ impl<'a> Session<'a> {
         };
         let values = truth.places.of(&all);
         let black = expected.iter().chain(&values).all(|b| *b == DVec3::ZERO);
-        let rms = |values: &[DVec3]| (values.iter().map(|b| b.length_squared()).sum::<f64>() / values.len().max(1) as f64).sqrt();
+        let rms = |values: &[DVec3]| {
+            (values.iter().map(|b| b.length_squared()).sum::<f64>() / values.len().max(1) as f64).sqrt()
+        };
         let brightest = *self.brightest.get_or_insert_with(|| rms(expected));
         let measured = if expected.iter().all(|b| *b == DVec3::ZERO) && brightest > 0.0 {
             // Nothing is relative to black: light where there is none is told by what the first light of the row brings.

@@ -38,6 +38,15 @@ struct Limits {
 // Not within a texel.
 const OUTSIDE: u32 = 0xffffffffu;
 
+// Extent of a node in root-mean-square distances, see forms/texture_space/descent.rs.
+const EXTENT: f32 = 2.0;
+
+// The falloff of a walk's medium at a distance, see forms/texture_space/falloff.rs.
+fn falloff_at(walk: u32, distance: f32) -> f32 {
+    let segment = (bitcast<u32>(distance + walks[walk].scale) >> FALLOFF_SHIFT) - walks[walk].bits;
+    return falloffs[walks[walk].table + min(segment, walks[walk].last)];
+}
+
 // What is to be done about a node: 0 skip it, 1 take it as a point, 2 take its patches, 3 go on below.
 fn choice(walk: u32, node: u32) -> u32 {
     let weight = nodes[node].weight;
@@ -46,12 +55,17 @@ fn choice(walk: u32, node: u32) -> u32 {
     }
     let offset = nodes[node].at - walks[walk].centre;
     let distance = max(sqrt(dot(offset, offset)) - walks[walk].radius, 0.0);
-    let segment = (bitcast<u32>(distance + walks[walk].scale) >> FALLOFF_SHIFT) - walks[walk].bits;
-    let nearby = falloffs[walks[walk].table + min(segment, walks[walk].last)];
-    if nodes[node].moment * nearby < limits.limit && weight * nearby < walks[walk].most {
-        return 1u;
+    let nearby = falloff_at(walk, distance);
+    let opened = select(3u, 2u, nodes[node].first < nodes[node].end);
+    if nodes[node].moment * nearby >= limits.limit || weight * nearby >= walks[walk].most {
+        return opened;
     }
-    return select(3u, 2u, nodes[node].first < nodes[node].end);
+    // See `opens` in forms/texture_space/descent.rs.
+    let extent = EXTENT * sqrt(nodes[node].moment / weight);
+    if weight * falloff_at(walk, max(distance - extent, 0.0)) >= walks[walk].most {
+        return opened;
+    }
+    return 1u;
 }
 
 fn is_near(walk: u32, index: u32) -> bool {
