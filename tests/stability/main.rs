@@ -67,6 +67,11 @@ fn an_open_plane() {
 }
 
 #[test]
+fn a_body_of_many_mean_free_paths() {
+    check("head of 10 m", |way| ["two_pass", "texture_space"].contains(&way.name));
+}
+
+#[test]
 fn a_basis_outside_its_range() {
     check("edited to what no basis holds", |way| way.name == "editable stored");
 }

@@ -3,8 +3,8 @@
 use glam::DVec3;
 use translux_format::filtered_normals::{self as stored, Numbers};
 
-use super::evaluate::{FilteredNormalsEvaluator, STAGE};
-use super::fit::{Fitted, MEASURED, MEASURED_OF_FIT};
+use super::evaluate::{FilteredNormalsEvaluator, MEASURED, STAGE};
+use super::fit::Fitted;
 use super::geometric::Sums;
 use super::points::{Points, STEPS_OF_OCTAVE, TOLERANCE};
 use super::settings::{Bleeding, Filter, FilteredNormals};
@@ -26,8 +26,11 @@ const NARROWEST: f64 = 0.4;
 /// Quantiser steps for each unit of a normal.
 const STEPS: f64 = 128.0;
 
+/// Vertices that errors are measured on under suns that the fit might have seen.
+const MEASURED_OF_FIT: usize = 512;
+
 /// Turns of suns that graze the largest flat area, beside the probe lights: those are what the method is farthest off under.
-const GRAZING_TURNS: [f64; 8] = [0.04, 0.11, 0.24, 0.31, 0.44, 0.67, 0.76, 0.93];
+pub(super) const GRAZING_TURNS: [f64; 8] = [0.04, 0.11, 0.24, 0.31, 0.44, 0.67, 0.76, 0.93];
 
 /// A ladder of fields over the points, and a note on its making.
 pub(super) struct Fields {

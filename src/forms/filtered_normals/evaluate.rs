@@ -6,7 +6,6 @@ use glam::DVec3;
 use translux_format::Budget;
 use translux_format::filtered_normals::{self as stored, Numbers};
 
-use super::fit::MEASURED;
 use super::light::{Entrance, Lit, Lookers};
 use super::points::{Points, STEPS_OF_OCTAVE, TOLERANCE};
 use super::response::{Ladder, dipoles, response};
@@ -25,6 +24,9 @@ use crate::parallel::*;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::irradiance::LightSampling;
+
+/// Vertices that errors are measured on.
+pub(super) const MEASURED: usize = 2048;
 
 /// The edits that every asset allows.
 pub(super) const EDITS: Capabilities =

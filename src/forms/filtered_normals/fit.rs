@@ -15,11 +15,6 @@ use crate::progress::{Progress, Silent};
 /// Vertices that the shape is fitted on.
 const PROBES: usize = 768;
 
-/// Vertices that errors are measured on under lights that the fit did not see and those that it might have; where there are not many more,
-/// all are.
-pub(super) const MEASURED: usize = 2048;
-pub(super) const MEASURED_OF_FIT: usize = 512;
-
 /// Lights of the fit.
 const LIGHTS: usize = 4;
 
@@ -79,7 +74,7 @@ impl FilteredNormalsEvaluator {
         Ok(best)
     }
 
-    /// The error under the worst of some sets of lights, on so many vertices.
+    /// The error under the worst of some sets of lights, on so many vertices, or on all where there are not many more.
     pub(super) fn error_under(
         &mut self,
         sets: &[Vec<Light>],
