@@ -1,6 +1,8 @@
 //! Samples for each group of receivers by the product of irradiance and R_d: a descent of the hierarchy that stops where a node, as a
 //! point, is off by less than a limit. The paper names it as future work.
 
+use std::f32::consts::TAU;
+
 use glam::{DVec3, Vec3};
 
 use super::falloff::{Falloff, Kernels};
@@ -88,6 +90,10 @@ pub(super) fn limit_for(
 /// not spread evenly.
 const EXTENT: f32 = 2.0;
 
+/// What a disc of the node's mean square distance may bring to a place as if all of it were as near as its nearest point, over what a point may
+/// bring (of three channels) before it is opened: little, so that nothing hangs on the last bit of a distance.
+const MOST_OF_EXTENT: f32 = 0.25 / 3.0;
+
 /// Neighbouring groups that look at the top of the hierarchy together.
 const TOGETHER: usize = 16;
 
@@ -120,12 +126,13 @@ impl Walk<'_> {
         if node.moment * nearby >= self.limit || node.weight * nearby >= self.falloff.most {
             return true;
         }
-        if node.weight * self.falloff.at(0.0) < self.falloff.most {
+        // Where light leaves within less than a node's extent of where it enters, a place in the node gets nothing from its centre. Of how
+        // bright the node is this says nothing, so that it is the same in every unit.
+        let (square_mm2, most) = (node.moment / node.weight, MOST_OF_EXTENT * self.falloff.most);
+        if TAU * square_mm2 * self.falloff.at(0.0) < most {
             return false;
         }
-        // Where light leaves within less than a node's extent of where it enters, a place in the node gets nothing from its centre.
-        let extent_mm = EXTENT * (node.moment / node.weight).sqrt();
-        node.weight * self.falloff.at((distance_mm - extent_mm).max(0.0)) >= self.falloff.most
+        TAU * square_mm2 * self.falloff.at((distance_mm - EXTENT * square_mm2.sqrt()).max(0.0)) >= most
     }
 
     /// Passes what is at and below a node to `take`, as a sphere sees it.

@@ -40,6 +40,8 @@ const OUTSIDE: u32 = 0xffffffffu;
 
 // Extent of a node in root-mean-square distances, see forms/texture_space/descent.rs.
 const EXTENT: f32 = 2.0;
+const MOST_OF_EXTENT: f32 = 0.083333336;
+const TAU: f32 = 6.2831855;
 
 // The falloff of a walk's medium at a distance, see forms/texture_space/falloff.rs.
 fn falloff_at(walk: u32, distance: f32) -> f32 {
@@ -61,8 +63,9 @@ fn choice(walk: u32, node: u32) -> u32 {
         return opened;
     }
     // See `opens` in forms/texture_space/descent.rs.
-    let extent = EXTENT * sqrt(nodes[node].moment / weight);
-    if weight * falloff_at(walk, max(distance - extent, 0.0)) >= walks[walk].most {
+    let square = nodes[node].moment / weight;
+    let nearest = falloff_at(walk, max(distance - EXTENT * sqrt(square), 0.0));
+    if TAU * square * nearest >= MOST_OF_EXTENT * walks[walk].most {
         return opened;
     }
     return 1u;
