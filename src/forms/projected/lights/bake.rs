@@ -166,7 +166,7 @@ impl Form for QuantisedLights {
                 key.text(&format!("{self:?} {allowed} {:?} {:?}", needed.directions, transfer.scheme()));
                 key.samples(&sampled.samples).rows(&net.point);
             };
-            let served = served(&set, &unseen);
+            let served = served(&set, unseen);
             let truth = |light: &Light| -> Result<Vec<DVec3>> {
                 let mut truth = transfer.under(&sampled.by_rays(light)?);
                 if let Some(folding) = &folding {
