@@ -198,7 +198,7 @@ fn baked_for(kind: LightKind, method: &dyn Method, scene: &Scene, samples: usize
     let settings = BakeSettings {
         samples: Some(samples),
         for_lights: [kind].into(),
-        probes: in_memory::probes(&scene),
+        probes: in_memory::probes(scene),
         ..BakeSettings::new(method.default_max_rms())
     };
     let recipe = method.recipe(&short(method), settings).unwrap();

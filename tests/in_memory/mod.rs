@@ -150,7 +150,7 @@ pub fn short(method: &dyn Method) -> Vec<(String, String)> {
 
 /// What a bake of a scene runs with some keys set, for every kind of light.
 pub fn recipe(method: &dyn Method, scene: &Scene, samples: Option<usize>, set: &[(String, String)]) -> Result<Recipe> {
-    let settings = BakeSettings { samples, probes: probes(&scene), ..BakeSettings::new(method.default_max_rms()) };
+    let settings = BakeSettings { samples, probes: probes(scene), ..BakeSettings::new(method.default_max_rms()) };
     method.recipe(set, settings)
 }
 
