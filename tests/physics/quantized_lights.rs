@@ -28,7 +28,7 @@ fn bake(scene: &Scene, kinds: &[LightKind], set: &[(&str, &str)]) -> Asset {
     let settings = BakeSettings {
         samples: Some(SAMPLES),
         for_lights: kinds.iter().copied().collect(),
-        probes: in_memory::probes(&scene),
+        probes: in_memory::probes(scene),
         ..BakeSettings::new(0.02)
     };
     let recipe = method("quantized_lights").recipe(&pairs(set), settings).unwrap();

@@ -50,7 +50,7 @@ fn bake(scene: &Scene, set: &[(String, String)]) -> Asset {
         samples: Some(SAMPLES),
         // What is coded and interpolated between vertices must not hide the distances.
         for_lights: [LightKind::Point].into(),
-        probes: in_memory::probes(&scene),
+        probes: in_memory::probes(scene),
         ..BakeSettings::new(0.01)
     };
     let recipe = method("quantized_lights").recipe(set, settings).unwrap();
