@@ -197,7 +197,7 @@ In % of the RMS radiosity, measured / promised; dark is relative to the mean of 
 const REASONS: &str = "\
 ## What fails, and why
 
-Of the run of 2026-11-29.
+Of the run of 2026-11-29. The row of a million triangles takes longer than all others together and was not run then: on the program of that morning `reference` and `two_pass` did not end within 240 processor seconds under three suns, `editable` was pessimistic (0.43 of 1.32 %), and with stored transport it passed (0.93 of 1.03 %), as did `quantized_lights` (1.80 of 2.84 %).
 
 | what | why |
 | --- | --- |
