@@ -129,10 +129,8 @@ fn bake_with(mut recipe: Recipe, imported: Imported, probes: Probes, console: &C
     };
     console.check_memory(recipe.bake_memory(&scene), &advice)?;
     recipe.settings.probes = probes;
-    let asked = recipe.settings.samples;
     let asset = recipe.bake(scene, origin.into(), console)?;
-    let samples = Some(asset.samples.len()).filter(|count| *count > 0).or(asked);
-    if let Some(line) = samples.and_then(|count| too_far_apart(&asset.scene, count)) {
+    if let Some(line) = too_far_apart(&asset.scene, asset.samples.len()) {
         console.warn(&line);
     }
     for part in uncalibrated(&asset) {

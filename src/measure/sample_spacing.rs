@@ -6,11 +6,14 @@ use crate::scene::Scene;
 /// edge of a shadow that passes between two samples decides what a vertex there gets.
 const MOST_PATHS: f64 = 3.0;
 
-/// One line about the first medium whose samples, `count` on the parts that light enters, lie too far apart.
+/// One line about the first medium whose samples, `count` on the parts that light enters, lie too far apart; none of an asset without samples.
 pub fn too_far_apart(scene: &Scene, count: usize) -> Option<String> {
+    if count == 0 {
+        return None;
+    }
     let entered = scene.parts.parts.iter().filter(|part| part.transfers());
     let area: f64 = entered.clone().map(|part| part.area_mm2).sum();
-    let apart_mm = (area / count.max(1) as f64).sqrt();
+    let apart_mm = (area / count as f64).sqrt();
     let medium = entered.filter_map(|part| scene.media.get(part.medium? as usize)).find(|medium| {
         let longest = medium.properties.mean_free_path_mm().max_element();
         apart_mm > MOST_PATHS * longest
@@ -43,5 +46,6 @@ mod tests {
         let told = too_far_apart(&ball, few).unwrap();
         assert!(told.contains("4.0 mean free paths of marble"), "{told}");
         assert_eq!(too_far_apart(&ball, 2 * few), None);
+        assert_eq!(too_far_apart(&ball, 0), None);
     }
 }

@@ -95,9 +95,7 @@ impl GatheredEvaluator {
         let values = self.with_gather(|gather, lit| gather.radiosity(receivers, lit, self.scheme(), progress));
         receivers.expand(&not_negative(values))
     }
-}
 
-impl GatheredEvaluator {
     /// Radiosity of some receivers over all pairs, with the near field of the truth, RGB.
     ///
     /// # Errors

@@ -151,7 +151,7 @@ impl<'a> Session<'a> {
 
     /// The cell of one light.
     fn under(&mut self, lamp: Lamp, way: &Way, opened: &mut Opened) -> Result<Cell> {
-        let Opened { evaluator, shown, .. } = &mut *opened;
+        let Opened { asset, evaluator, shown, .. } = &mut *opened;
         let light = lamp.light(shown)?;
         let mut says = self.faults.clone();
         says.extend(doubtful(shown, std::slice::from_ref(&light), evaluator.cost().samples).iter().map(|found| {
@@ -164,7 +164,7 @@ impl<'a> Session<'a> {
             };
             format!("the light is {what}")
         }));
-        says.extend(self.case.samples.and_then(|count| too_far_apart(shown, count)));
+        says.extend(too_far_apart(shown, asset.samples.len()));
         let excused = !says.is_empty();
         says.extend(self.warnings.iter().cloned());
         evaluator.set_lights(vec![light.clone()], &Silent)?;
