@@ -1,6 +1,7 @@
 //! The stability suite: `scripts/stability` runs it.
 //!
 //! `stability list` names the rows; `stability run NUMBER FOLDER SECONDS` runs one with every method, each within so many seconds, and appends a line for each to its file in the folder;
+//! `stability random INDEX FOLDER SECONDS MODELS...` does so for a scene at random, with bodies of our own and those of some files;
 //! `stability stages NUMBER METHODS...` prints the stages of what each promises;
 //! `stability page FOLDER DOCS` writes the page and the table from the files of a folder.
 //!
@@ -14,13 +15,14 @@ mod suite;
 
 use std::fs::OpenOptions;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
-use suite::{Case, Cell, Session, Verdict, WAYS, cases};
+use suite::drawn::{drawn, ways};
+use suite::{Case, Cell, Session, Verdict, WAYS, Way, cases};
 
 /// Exit status of a run that a method took too long in.
 const TOO_LONG: i32 = 124;
@@ -45,10 +47,11 @@ fn main() -> ExitCode {
             cases().iter().for_each(|case| println!("{}", case.name));
             Ok(())
         }
-        ["run", number, folder, limit] => row(number, Path::new(folder), limit),
+        ["run", number, folder, limit] => case_of(number).and_then(|case| row(&case, &WAYS, (Path::new(folder), limit))),
+        ["random", index, folder, limit, models @ ..] => at_random(index, (Path::new(folder), limit), models),
         ["stages", number, names @ ..] => stages(number, names),
         ["page", folder, docs] => page::write(Path::new(folder), Path::new(docs)),
-        _ => Err("stability list | run NUMBER FOLDER SECONDS | stages NUMBER METHODS... | page FOLDER DOCS".to_owned()),
+        _ => Err("stability list | run NUMBER FOLDER SECONDS | random INDEX FOLDER SECONDS MODELS... | stages NUMBER METHODS... | page FOLDER DOCS".to_owned()),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
@@ -110,11 +113,17 @@ fn stages(number: &str, names: &[&str]) -> Result<(), String> {
     Ok(())
 }
 
+/// Runs what is missing of a scene at random.
+fn at_random(index: &str, place: (&Path, &str), models: &[&str]) -> Result<(), String> {
+    let index: u64 = index.parse().map_err(|_| format!("{index}: a number is needed"))?;
+    let models: Vec<PathBuf> = models.iter().map(PathBuf::from).collect();
+    row(&drawn(index, &models), &ways(index), place)
+}
+
 /// Runs what is missing of a row. A method that takes too long ends the program, so that the next run goes on with the others.
-fn row(number: &str, folder: &Path, limit: &str) -> Result<(), String> {
-    let case = &case_of(number)?;
+fn row(case: &Case, ways: &[Way], (folder, limit): (&Path, &str)) -> Result<(), String> {
     let limit: f64 = limit.parse().map_err(|_| format!("{limit}: a number of seconds is needed"))?;
-    let file = &folder.join(file_of(case.name));
+    let file = &folder.join(file_of(&case.name));
     let known = lines(file);
     let mut out = OpenOptions::new().create(true).append(true).open(file).map_err(|e| e.to_string())?;
     let mut put = |line: &Line| -> Result<(), String> {
@@ -132,7 +141,7 @@ fn row(number: &str, folder: &Path, limit: &str) -> Result<(), String> {
         }
     });
     let mut session = Session::new(case);
-    for way in &WAYS {
+    for way in ways {
         let has = |passes: &dyn Fn(&Line) -> bool| known.iter().any(passes);
         if has(&|line| matches!(line, Line::Cells(c) if c.first().is_some_and(|c| c.way == way.name))) {
             continue;

@@ -52,7 +52,7 @@ fn percent(share: f64) -> String {
 pub(crate) fn write(folder: &Path, docs: &Path) -> Result<(), String> {
     let mut cells: Vec<Cell> = Vec::new();
     for case in cases() {
-        for line in lines(&folder.join(file_of(case.name))) {
+        for line in lines(&folder.join(file_of(&case.name))) {
             if let Line::Cells(own) = line {
                 cells.extend(own);
             }
@@ -119,7 +119,7 @@ fn text(cells: &[Cell]) -> String {
             };
             let row: Vec<String> = WAYS.iter().map(|way| cell(way.name)).collect();
             let name =
-                if lights.len() > 1 { format!("{}: {}", case.name, light.join(", ")) } else { case.name.to_owned() };
+                if lights.len() > 1 { format!("{}: {}", case.name, light.join(", ")) } else { case.name.clone() };
             let _ = writeln!(text, "| {name} | {} |", row.join(" | "));
         }
     }

@@ -9,7 +9,9 @@ use translux_format::RawSection;
 use super::density::Density;
 use super::gathered::model;
 use super::sample_count::samples_for;
+use crate::compress::ledger::Ledger;
 use crate::error::Result;
+use crate::evaluate::sampling_error::Sampled;
 use crate::evaluate::{BakeSettings, Model};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{self, Patch, Samples};
@@ -20,9 +22,10 @@ use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::calibration::{Calibrated, CalibratedSamples, Walks};
 use crate::transport::gather::Gather;
-use crate::transport::irradiance::{Illumination, LightSampling};
+use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
 use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::many_lights::{IrradianceRows, ManyLights};
+use crate::transport::near_rule::NearField;
 use crate::transport::receivers::{ProbePoints, Receivers};
 use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;
@@ -191,21 +194,57 @@ impl<'a> SampledScene<'a> {
     ///
     /// # Errors
     /// Errors of the work.
-    pub fn with_transfer<T>(
-        &self,
-        near: crate::transport::near_rule::NearField,
-        work: impl FnOnce(ManyLights) -> Result<T>,
-    ) -> Result<T> {
+    pub fn with_transfer<T>(&self, near: NearField, work: impl FnOnce(ManyLights) -> Result<T>) -> Result<T> {
         let surface = self.surface();
         let gather = match &self.model {
             Some(CalibratedSamples { calibrated, factors, .. }) => {
                 Gather::calibrated(&surface, &self.tree, (&calibrated.kernels, factors), near)
             }
-            None => {
-                let kernels = MediumKernel::of_orders(&self.scene.media, self.orders, self.scene.mesh.diagonal_mm());
-                Gather::with_kernels(&surface, &self.tree, kernels, near)
-            }
+            None => Gather::with_kernels(&surface, &self.tree, self.kernels(), near),
         };
         work(ManyLights::new(&gather, &self.tree, &self.receivers, &self.areas))
+    }
+
+    /// The dipoles of the orders of the kernels.
+    fn kernels(&self) -> Vec<MediumKernel> {
+        MediumKernel::of_orders(&self.scene.media, self.orders, self.scene.mesh.diagonal_mm())
+    }
+
+    /// Enters the error of the samples, the worst of some lights; see [`Sampled::enter`].
+    ///
+    /// # Errors
+    /// Lights that cannot be served.
+    pub(crate) fn enter_sampling(
+        &self,
+        lights: &[Light],
+        near: NearField,
+        ledger: &mut Ledger,
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        let kernels = self.kernels();
+        let mut worst = Ledger::default();
+        progress.start("errors of samples", lights.len() as u64);
+        for light in lights {
+            let irradiance = self.by_rays(light)?;
+            let sampled = Sampled {
+                surface: self.surface(),
+                kernels: Some(&kernels),
+                calibrated: self.model.as_ref().map(|model| model.calibrated.as_ref()),
+                lights: std::slice::from_ref(light),
+                irradiance: (&irradiance, &Pieces::NONE),
+                stored: None,
+                sampling: self.sampling,
+                near,
+                receivers: &self.receivers,
+                areas: &self.areas,
+            };
+            let mut of_light = Ledger::default();
+            sampled.enter(&mut of_light, &Silent)?;
+            worst.worst_of(of_light);
+            progress.advance(1);
+        }
+        progress.finish();
+        ledger.entries.extend(worst.entries);
+        Ok(())
     }
 }

@@ -98,7 +98,7 @@ impl MovedEntry {
         }
         // The suns of environments come from one direction too.
         let (moving, others): (Vec<Light>, Vec<Light>) = apart(lights, |_| true).into_iter().partition(moves);
-        let (mut irradiance, pieces) = match others.as_slice() {
+        let (mut irradiance, mut pieces) = match others.as_slice() {
             [] => (vec![DVec3::ZERO; surface.samples.len()], Pieces::NONE),
             others => {
                 let (mut irradiance, pieces) = of_others(others)?;
@@ -109,8 +109,10 @@ impl MovedEntry {
             }
         };
         for light in &moving {
-            let of_light = Illumination::new(surface, std::slice::from_ref(light), etas, sampling)?.all(progress);
-            irradiance.iter_mut().zip(self.moved(surface, light, &of_light)).for_each(|(sum, e)| *sum += e);
+            let lit = Illumination::new(surface, std::slice::from_ref(light), etas, sampling)?;
+            let (moved, uneven) = self.moved(surface, light, lit.all_with_pieces(progress));
+            irradiance.iter_mut().zip(moved).for_each(|(sum, e)| *sum += e);
+            pieces = pieces.beside(uneven);
         }
         Ok((irradiance, pieces))
     }
@@ -144,18 +146,25 @@ impl MovedEntry {
         });
     }
 
-    /// Moves the irradiance of one light, RGB for each sample. Light of many directions at once stays here.
-    pub fn moved(&self, surface: &Surface, light: &Light, irradiance: &[DVec3]) -> Vec<DVec3> {
+    /// Moves the irradiance of one light, RGB for each sample, and of the pieces of samples that are lit unevenly, as far as their light stays
+    /// within them. Light of many directions at once stays here.
+    pub fn moved(
+        &self,
+        surface: &Surface,
+        light: &Light,
+        (irradiance, pieces): (Vec<DVec3>, Pieces),
+    ) -> (Vec<DVec3>, Pieces) {
         if !moves(light) || self.is_still() {
-            return irradiance.to_vec();
+            return (irradiance, pieces);
         }
         // One light has one colour: the channels are multiples of the brightest.
         let sum = irradiance.iter().copied().sum::<DVec3>();
         let brightest = [0, 1, 2].into_iter().fold(0, |best, c| if sum[c] > sum[best] { c } else { best });
         let colour = if sum[brightest] > 0.0 { sum / sum[brightest] } else { DVec3::ZERO };
         let values: Vec<f64> = irradiance.iter().map(|e| e[brightest]).collect();
-        let moved = self.ways(surface).balanced(surface, light, &values);
-        moved.into_iter().map(|e| DVec3::from_array(e) * colour).collect()
+        let (moved, of_own) = self.ways(surface).balanced(surface, light, &values);
+        let moved = moved.into_iter().map(|e| DVec3::from_array(e) * colour).collect();
+        (moved, pieces.scaled(|sample| DVec3::from_array(of_own(sample))))
     }
 
     /// Irradiance that is the same for all channels, moved: each channel has its own then. Nothing happens where no light moves.
@@ -170,7 +179,7 @@ impl MovedEntry {
             let values: Vec<f64> =
                 rows.values.iter().skip(column).step_by(count.max(1)).map(|e| f64::from(*e)).collect();
             if moves(light) {
-                ways.balanced(surface, light, &values)
+                ways.balanced(surface, light, &values).0
             } else {
                 values.into_iter().map(|e| [e; 3]).collect()
             }

@@ -108,6 +108,13 @@ impl Work<'_, '_> {
 }
 
 impl Work<'_, '_> {
+    /// Enters the error of the samples under suns that no choice saw, where these are asked for, else under environments.
+    pub(crate) fn enter_sampling(&self, ledger: &mut Ledger, progress: &dyn Progress) -> Result<()> {
+        let Unseen { environments, suns } = &self.unseen;
+        let lights = if self.for_suns { suns } else { environments };
+        self.sampled.enter_sampling(lights, NearField::for_error(self.max_rms), ledger, progress)
+    }
+
     /// Enters the error under a sun alone, where environments may be one.
     pub(crate) fn enter_sun(&self, ledger: &mut Ledger, error: VertexError) {
         if !self.unseen.environments.is_empty() && !self.unseen.suns.is_empty() {

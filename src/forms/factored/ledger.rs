@@ -1,5 +1,6 @@
 //! Errors of the stages of a bake: hierarchy, basis, truncation and quantiser of the far field, each against the one
-//! before it, on receivers and lights that no choice saw, the worst of all published materials and the scene's own.
+//! before it, on receivers and lights that no choice saw, the worst of all published materials and the scene's own; and the near field as it is
+//! summed at run time, in the scene's own.
 
 use glam::DVec3;
 use translux_format::far_field::FarField;
@@ -7,22 +8,29 @@ use translux_format::far_field::FarField;
 use super::far_sums::{ByFunction, FarSums};
 use super::interpolation::Between;
 use super::ordered_samples::Work;
-use super::sources::{FarRadiosity, all_pairs};
+use super::sources::{FarRadiosity, Sources, all_pairs};
 use super::subset::{NearOfMaterials, OfFunctions, Projected, Subset};
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
 use crate::evaluate::sampling_error::Sampled;
-use crate::evaluate::stages::{of_kinds, worst};
+use crate::evaluate::stages::{of_kinds, probe_points, worst};
 use crate::forms::environment_rows::BY_RAYS;
 use crate::light::Light;
 use crate::math::simd::InstructionSet;
 use crate::math::statistics::VertexError;
+use crate::medium::fresnel::BoundaryFit;
 use crate::parallel::*;
-use crate::progress::Progress;
+use crate::progress::{Progress, Silent};
+use crate::scene::Scene;
 use crate::transport::balanced_tree::LightDetails;
 use crate::transport::far_field::{FarTransport, Precision, Rows};
-use crate::transport::near_field::far_all_pairs;
-use crate::transport::receivers::{Group, ProbePoints};
+use crate::transport::gather::{Gather, Scheme};
+use crate::transport::irradiance::Pieces;
+use crate::transport::kernel::medium::MediumKernel;
+use crate::transport::near_field::{Near, around, far_all_pairs};
+use crate::transport::near_rule::NearField;
+use crate::transport::receivers::{Group, ProbePoints, Receivers};
+use crate::transport::tree::SampleTree;
 
 /// Groups of receivers that errors are measured on.
 const GROUPS: usize = 12;
@@ -60,6 +68,9 @@ struct Measured<'a> {
 /// The errors of the stages.
 type Errors = [VertexError; 4];
 
+/// Lights that the error of the near field is measured under: it is mostly of the mesh.
+const NEAR_LIGHTS: usize = 2;
+
 const BASIS: usize = 1;
 const NAMES: [&str; 4] = ["hierarchy", "basis", "truncation", "quantiser"];
 
@@ -75,7 +86,7 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
     let areas = ordered.receivers.areas_mm2(&scene.mesh);
     progress.start("ledger", 2 * unseen.len() as u64);
     let materials = Subset::materials(work);
-    let mut irradiances: Vec<Vec<DVec3>> = Vec::with_capacity(unseen.len());
+    let mut lit: Vec<(Vec<DVec3>, Pieces)> = Vec::with_capacity(unseen.len());
     for light in &unseen {
         let (irradiance, pieces) = ordered.irradiance(scene, light, form.sampling)?;
         let mut one = Ledger::default();
@@ -91,12 +102,13 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
             receivers: &ordered.receivers,
             areas: &areas,
         };
-        sampled.enter(&mut one, &crate::progress::Silent)?;
+        sampled.enter(&mut one, &Silent)?;
         ledger.worst_of(one);
-        irradiances.push(irradiance);
+        lit.push((irradiance, pieces));
         progress.advance(1);
     }
-    let irradiances: Vec<&[DVec3]> = irradiances.iter().map(Vec::as_slice).collect();
+    let near = near_error(work, &lit);
+    let irradiances: Vec<&[DVec3]> = lit.iter().map(|(irradiance, _)| irradiance.as_slice()).collect();
     let of_functions = Subset::of_functions(scene, &ordered.points, (GROUPS, 1));
     let measured: Vec<Measured> =
         of_functions.iter().map(|of| Measured::new(baked, of, &materials, &irradiances)).collect();
@@ -114,6 +126,10 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
     for (name, error) in NAMES.iter().zip(errors) {
         ledger.add(name, error, note.clone());
     }
+    let note = format!(
+        "as it is summed at run time, against all pairs, in the scene's media under {NEAR_LIGHTS} of these lights"
+    );
+    ledger.add("near field", near, note);
     if let Some(between) = Between::new(work, &ordered.points, (BETWEEN, 1)) {
         let interpolation = between.error(work, &irradiances);
         let note =
@@ -123,6 +139,47 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
     // What samples miss, what the basis cannot follow, what is cut off, rounded and interpolated have nothing to do with each other.
     ledger.add_together();
     Ok(ledger)
+}
+
+/// Error of the near field, the worst of a few lights: against all pairs by the rule of the truth less their far field.
+fn near_error(Work { scene, ordered, form, .. }: Work, lit: &[(Vec<DVec3>, Pieces)]) -> VertexError {
+    let areas = ordered.receivers.areas_mm2(&scene.mesh);
+    let (subset, points) = probe_points(&ordered.receivers, &areas);
+    let (surface, kernels, tree) =
+        (ordered.surface(scene), MediumKernel::of_media(&scene.media), SampleTree::default());
+    let lengths = (ordered.split_mm, scene.mesh.diagonal_mm());
+    let around = around(&surface, &subset, form.near, ordered.split_mm);
+    let near = Near::new(surface, (&around, &ordered.corners), &kernels, form.near, ordered.split_mm);
+    let gather = Gather::with_kernels(&surface, &tree, kernels.clone(), NearField::REFERENCE);
+    let step = (lit.len() / NEAR_LIGHTS).max(1);
+    let of_light = |(irradiance, pieces): &(Vec<DVec3>, Pieces)| {
+        let light = gather.light_with_pieces(irradiance, pieces);
+        let truth = gather.radiosity(&subset, &light, Scheme::AllPairs, &Silent);
+        let mut values = far_of_media(scene, ordered.sources(), lengths, (&subset, irradiance));
+        near.add(&subset, (irradiance, pieces), &mut values, &Silent);
+        points.error(&values, &truth)
+    };
+    lit.iter().step_by(step).map(of_light).fold(VertexError::default(), VertexError::max)
+}
+
+/// The far part of each receiver's own medium, summed over all samples.
+fn far_of_media(
+    scene: &Scene,
+    sources: Sources,
+    lengths: (f64, f64),
+    (receivers, irradiance): (&Receivers, &[DVec3]),
+) -> Vec<DVec3> {
+    let mut values = vec![DVec3::ZERO; receivers.len()];
+    for (index, medium) in scene.media.iter().enumerate() {
+        let dipoles = medium.properties.dipoles(BoundaryFit::Published);
+        let far = far_all_pairs(sources, &dipoles, lengths, receivers, irradiance);
+        for group in &receivers.groups {
+            if scene.parts.parts[group.part as usize].medium == Some(index as u32) {
+                values[group.run.range()].copy_from_slice(&far[group.run.range()]);
+            }
+        }
+    }
+    values
 }
 
 impl<'a> Measured<'a> {

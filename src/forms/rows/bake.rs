@@ -120,6 +120,7 @@ fn measure(
     ledger: &mut Ledger,
     progress: &dyn Progress,
 ) -> Result<()> {
+    work.enter_sampling(ledger, progress)?;
     let (some, points) = probe_points(&work.sampled.receivers, &work.sampled.areas);
     let all = Selection { keep: Keep::Largest(FACES * (tree.side() * tree.side() - 1)), importance: None };
     let whole = Rows::new(&tree.vectors(&some, work.transfer.scheme(), all, &Silent)?, work.plan.transform)?;

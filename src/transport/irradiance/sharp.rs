@@ -285,6 +285,38 @@ impl Pieces {
         Some(self.deviations.get(range.clone())?.iter().copied().zip(self.corners.get(range)?))
     }
 
+    /// The same with the irradiance that each sample has beyond its mean times a factor.
+    #[must_use]
+    pub(crate) fn scaled(mut self, factor: impl Fn(usize) -> DVec3) -> Self {
+        for (patch, &first) in self.first.iter().enumerate().filter(|(_, first)| **first != u32::MAX) {
+            let factor = factor(patch);
+            self.deviations.iter_mut().skip(first as usize).take(self.count).for_each(|e| *e *= factor);
+        }
+        self
+    }
+
+    /// The pieces of the light of both, which are those of the same samples.
+    #[must_use]
+    pub(crate) fn beside(mut self, other: Self) -> Self {
+        if self.first.is_empty() {
+            return other;
+        }
+        let count = other.count;
+        let samples = self.first.iter_mut().zip(&other.first).filter(|(_, theirs)| **theirs != u32::MAX);
+        for (mine, &theirs) in samples {
+            let theirs = theirs as usize..theirs as usize + count;
+            if *mine == u32::MAX {
+                *mine = self.deviations.len() as u32;
+                self.deviations.extend_from_slice(&other.deviations[theirs.clone()]);
+                self.corners.extend_from_slice(&other.corners[theirs]);
+            } else {
+                let sums = self.deviations.iter_mut().skip(*mine as usize);
+                sums.zip(&other.deviations[theirs]).for_each(|(sum, e)| *sum += *e);
+            }
+        }
+        self
+    }
+
     /// The same light on the same samples of the surface in another shape: `corner` carries a corner of a piece of a sample there, relative
     /// to the centroid of the sample, mm.
     #[must_use]

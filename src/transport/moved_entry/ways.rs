@@ -72,6 +72,21 @@ pub(super) struct Ways {
     pub(super) sky: Vec<Changes>,
 }
 
+/// Direction towards a light from a place of the mesh; the mean of those of an area, which is shorter the more of them there are.
+fn towards(surface: &Surface, light: &Light) -> impl Fn(DVec3) -> DVec3 + Sync + use<> {
+    let (origin, light) = (surface.domain.mesh.origin_mm, light.clone());
+    move |at: DVec3| match &light {
+        Light::Directional { from, .. } => *from,
+        Light::Point { at_mm, .. } | Light::Spot { at_mm, .. } => (*at_mm - origin - at).normalize_or_zero(),
+        Light::Area { at_mm, normal, u, size_mm, .. } => {
+            let [along, across] = [0.5 * size_mm[0] * *u, 0.5 * size_mm[1] * normal.cross(*u)].map(|v| v / 3f64.sqrt());
+            let places = [along + across, along - across, across - along, -along - across];
+            0.25 * places.map(|place| (*at_mm + place - origin - at).normalize_or_zero()).iter().sum::<DVec3>()
+        }
+        Light::Constant { .. } | Light::Environment { .. } => DVec3::ZERO,
+    }
+}
+
 impl Ways {
     pub(super) fn new(surface: &Surface, steps: Vec<Option<Steps>>) -> Self {
         let Domain { parts, media, .. } = surface.domain;
@@ -113,7 +128,7 @@ impl Ways {
             // Parallel light has no pixels that could be missing, which is all that is refused.
             let lit = Illumination::new(surface, std::slice::from_ref(&light), &etas, ONE_RAY).ok()?;
             let entered: Vec<f64> = lit.all(&Silent).into_iter().map(|e| e.x).collect();
-            let moved = self.moved_by(surface, &light, &entered);
+            let moved = self.moved_by(surface, &towards(surface, &light), &entered);
             let mut harmonics = [0.0; HARMONICS];
             real_sh(SKY_ORDER, to_harmonics(*from), &mut harmonics);
             Some((harmonics, entered, moved))
@@ -140,29 +155,41 @@ impl Ways {
         sums.iter().map(of_sample).unzip()
     }
 
-    /// Moved irradiance whose mean over all directions is that which entered.
-    pub(super) fn balanced(&self, surface: &Surface, light: &Light, irradiance: &[f64]) -> Vec<[f64; 3]> {
-        let mut moved = self.moved_by(surface, light, irradiance);
+    /// Moved irradiance whose mean over all directions is that which entered; and for a sample, the share of its own light, of each channel, that
+    /// is still within it.
+    pub(super) fn balanced(
+        &self,
+        surface: &Surface,
+        light: &Light,
+        irradiance: &[f64],
+    ) -> (Vec<[f64; 3]>, impl Fn(usize) -> [f64; 3]) {
+        let towards = towards(surface, light);
+        let mut moved = self.moved_by(surface, &towards, irradiance);
         moved.iter_mut().zip(&self.balance).for_each(|(e, factor)| (0..3).for_each(|c| e[c] *= factor[c]));
         self.keep_flux(surface, irradiance, &mut moved);
-        moved
+        let stays = move |sample: usize| {
+            let Some(steps) = &self.steps[self.part[sample] as usize] else { return [1.0; 3] };
+            let way = self.frames[sample].way(towards(surface.patches[sample].centre_mm));
+            let rungs = steps.at(way.sine.into());
+            let mut sum = rungs[0];
+            for (neighbours, back, weight) in self.both_ways(sample, way) {
+                for ((at, lost), share) in neighbours.iter().zip(back).zip(&rungs[1..]) {
+                    let stays = f64::from(u8::from(*at as usize == sample)) + f64::from(u8::from(*lost == NOWHERE));
+                    add(&mut sum, weight * stays, share);
+                }
+            }
+            sum
+        };
+        (moved, stays)
     }
 
     /// Irradiance, the same for all channels, moved: that of each channel.
-    fn moved_by(&self, surface: &Surface, light: &Light, irradiance: &[f64]) -> Vec<[f64; 3]> {
-        let origin = surface.domain.mesh.origin_mm;
-        let towards = |at: DVec3| match light {
-            Light::Directional { from, .. } => *from,
-            Light::Point { at_mm, .. } | Light::Spot { at_mm, .. } => (*at_mm - origin - at).normalize_or_zero(),
-            // The mean of directions, which is shorter the more of them there are.
-            Light::Area { at_mm, normal, u, size_mm, .. } => {
-                let [along, across] =
-                    [0.5 * size_mm[0] * *u, 0.5 * size_mm[1] * normal.cross(*u)].map(|v| v / 3f64.sqrt());
-                let places = [along + across, along - across, across - along, -along - across];
-                0.25 * places.map(|place| (*at_mm + place - origin - at).normalize_or_zero()).iter().sum::<DVec3>()
-            }
-            Light::Constant { .. } | Light::Environment { .. } => DVec3::ZERO,
-        };
+    fn moved_by(
+        &self,
+        surface: &Surface,
+        towards: &(impl Fn(DVec3) -> DVec3 + Sync),
+        irradiance: &[f64],
+    ) -> Vec<[f64; 3]> {
         let ways: Vec<Way> = (0..irradiance.len())
             .into_par_iter()
             .map(|sample| self.frames[sample].way(towards(surface.patches[sample].centre_mm)))

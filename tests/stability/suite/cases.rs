@@ -16,8 +16,8 @@ use super::lamps::Lamp;
 
 /// A body, how it is read, and the lights that fall on it.
 pub struct Case {
-    pub name: &'static str,
-    pub model: fn() -> SourceModel,
+    pub name: String,
+    pub model: Box<dyn Fn() -> SourceModel>,
     pub scale: Scale,
     /// Materials as they are typed.
     pub materials: Vec<&'static str>,
@@ -54,8 +54,8 @@ const MM: Scale = Scale::MillimetresPerUnit(1.0);
 /// Skin of 30 mm under three suns, unless more is said.
 fn case(name: &'static str, model: fn() -> SourceModel) -> Case {
     Case {
-        name,
-        model,
+        name: name.to_owned(),
+        model: Box::new(model),
         scale: Scale::DiagonalMm(30.0),
         materials: vec!["skin1"],
         overrides: Overrides::default(),

@@ -1,7 +1,7 @@
 //! One method under one light of a case: what was promised, what is measured, and the verdict.
 
-use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 use translux::Imported;
 use translux::asset::Asset;
 use translux::compress::ledger::{Ledger, SUN_ALONE};
-use translux::error::{Error, Result};
-use translux::evaluate::{BakeSettings, Evaluator};
+use translux::error::{Error, ExitCode, Result};
+use translux::evaluate::{BakeSettings, Evaluator, Model, StageCache};
 use translux::light::LightKind;
 use translux::math::statistics::VertexError;
 use translux::measure::between_vertices::between_vertices;
@@ -18,13 +18,14 @@ use translux::measure::light_places::{Doubt, doubtful};
 use translux::measure::probes;
 use translux::measure::sample_spacing::too_far_apart;
 use translux::methods;
+use translux::plan::{self, DEFAULT_MAX_RMS, Planned, Request, Setting};
 use translux::progress::Silent;
 use translux::report::sizes::sizes;
 use translux::scene::Scene;
 
 use super::lamps::Lamp;
 use super::truth::Truth;
-use super::{Case, Way};
+use super::{By, Case, Way};
 
 /// Errors below this, and below the truth's own, are none.
 const FLOOR: f64 = 1e-3;
@@ -85,9 +86,10 @@ pub struct Session<'a> {
     faults: Vec<String>,
     warnings: Vec<String>,
     between: f64,
-    truth: Option<Truth>,
-    /// True radiosity and its own error, by light.
-    known: BTreeMap<String, (Vec<DVec3>, f64)>,
+    /// By whether the kernels are dipoles.
+    truths: BTreeMap<bool, Truth>,
+    /// True radiosity and its own error, by light and by whether it is that of dipoles.
+    known: BTreeMap<(String, bool), (Vec<DVec3>, f64)>,
     /// RMS radiosity under the first light.
     brightest: Option<f64>,
 }
@@ -106,7 +108,8 @@ impl<'a> Session<'a> {
                 }
             }
         }
-        Self { case, imported, faults, warnings, between, truth: None, known: BTreeMap::new(), brightest: None }
+        let (truths, known) = (BTreeMap::new(), BTreeMap::new());
+        Self { case, imported, faults, warnings, between, truths, known, brightest: None }
     }
 
     /// Runs a way on all lights of the case.
@@ -128,7 +131,11 @@ impl<'a> Session<'a> {
             cells.push(cell.unwrap_or_else(|why| refused(case, *lamp, way, &why)));
         }
         // What an asset promises holds for every light: its worst one says whether it is too much.
-        let near = |cell: &Cell| cell.measured.rms >= 0.5 * cell.promised.rms && cell.promised.rms > 0.0;
+        let told = opened.asked.map(|(_, found)| found.rms);
+        let near = |cell: &Cell| {
+            let promised = told.unwrap_or(cell.promised.rms);
+            cell.measured.rms >= 0.5 * promised && promised > 0.0
+        };
         if stored && cells.iter().any(near) {
             let pessimistic = cells.iter_mut().filter(|cell| cell.verdict == Verdict::Pessimistic);
             pessimistic.for_each(|cell| cell.verdict = Verdict::Passed);
@@ -151,7 +158,7 @@ impl<'a> Session<'a> {
 
     /// The cell of one light.
     fn under(&mut self, lamp: Lamp, way: &Way, opened: &mut Opened) -> Result<Cell> {
-        let Opened { asset, evaluator, shown, .. } = &mut *opened;
+        let Opened { asset, evaluator, shown, model, .. } = &mut *opened;
         let light = lamp.light(shown)?;
         let mut says = self.faults.clone();
         says.extend(doubtful(shown, std::slice::from_ref(&light), evaluator.cost().samples).iter().map(|found| {
@@ -169,8 +176,12 @@ impl<'a> Session<'a> {
         says.extend(self.warnings.iter().cloned());
         evaluator.set_lights(vec![light.clone()], &Silent)?;
         let all = evaluator.radiosity(&Silent)?;
-        let truth = self.truth.get_or_insert_with(|| Truth::new(shown, self.case.samples.is_none()));
-        let (expected, own) = match self.known.entry(lamp.name()) {
+        let dipoles = *model == Model::Dipole;
+        let truth = self.truths.entry(dipoles).or_insert_with(|| match model {
+            Model::Dipole => Truth::new(shown, self.case.samples.is_none()),
+            Model::Calibrated(_) => Truth::of_asset(shown, *model, asset),
+        });
+        let (expected, own) = match self.known.entry((lamp.name(), dipoles)) {
             Entry::Occupied(known) => known.into_mut(),
             Entry::Vacant(free) => free.insert(truth.under(shown, &light)?),
         };
@@ -188,7 +199,11 @@ impl<'a> Session<'a> {
         } else {
             finite(truth.places.error(&values, expected))
         };
-        let promised = finite(opened.promise(self.case, lamp)?);
+        let [promised, least] = match opened.asked {
+            // An asset is made for a request; what it is told to be is what the planner found.
+            Some((asked, found)) => [VertexError { rms: asked, ..finite(found) }, finite(found)],
+            None => [finite(opened.promise(self.case, lamp)?); 2],
+        };
         let floor = own.max(FLOOR);
         // What is measured has the error of the truth in it, and what is promised was measured at other vertices.
         let most = SUBSET * promised.rms.hypot(*own) + 0.1 * floor;
@@ -202,7 +217,7 @@ impl<'a> Session<'a> {
             rms if rms <= floor && promised.rms <= 4.0 * floor => Verdict::Passed,
             rms if rms > most && !excused => Verdict::Unannounced,
             rms if rms > most => Verdict::Warned,
-            rms if rms < 0.5 * promised.rms => Verdict::Pessimistic,
+            rms if rms < 0.5 * least.rms => Verdict::Pessimistic,
             _ => Verdict::Passed,
         };
         Ok(Cell {
@@ -246,6 +261,9 @@ fn refused(case: &Case, lamp: Lamp, way: &Way, why: &Error) -> Cell {
 struct Opened {
     asset: Asset,
     bytes_per_vertex: f64,
+    model: Model,
+    /// What was asked of a planned asset, and the error that the planner found.
+    asked: Option<(f64, VertexError)>,
     evaluator: Box<dyn Evaluator>,
     /// The scene with the media in force.
     shown: Scene,
@@ -253,39 +271,68 @@ struct Opened {
 
 fn opened(case: &Case, way: &Way, imported: Imported) -> Result<Opened> {
     let mut shown = imported.scene.clone();
-    let (asset, bytes_per_vertex) = baked(case, way, imported)?;
+    let (asset, model, asked) = match way.by {
+        By::Method(method, set) => (baked(case, (method, set), imported)?, Model::Dipole, None),
+        By::Planner(model) => planned(case, model, imported)?,
+    };
+    let sizes = sizes(&asset.to_bytes()?)?;
+    let bytes = (sizes.stored_without_mesh + sizes.stored_environment) as f64;
+    let bytes_per_vertex = bytes / asset.scene.mesh.local_mm.len().max(1) as f64;
     let mut evaluator = methods::built_in().open(Arc::new(asset.clone()))?;
     if let Some(edited) = case.edited {
         shown.media.iter_mut().for_each(|medium| medium.properties = edited);
         evaluator.set_media(shown.media.clone())?;
     }
-    Ok(Opened { asset, bytes_per_vertex, evaluator, shown })
+    Ok(Opened { asset, bytes_per_vertex, model, asked, evaluator, shown })
 }
 
-/// The asset of a way, and its bytes a vertex.
-fn baked(case: &Case, way: &Way, imported: Imported) -> Result<(Asset, f64)> {
+/// The kinds of light of a case.
+fn kinds(case: &Case) -> BTreeSet<LightKind> {
+    case.lamps.iter().map(|lamp| lamp.kind()).collect()
+}
+
+/// The asset of a method.
+fn baked(case: &Case, (name, set): (&str, &[(&'static str, &'static str)]), imported: Imported) -> Result<Asset> {
     let registry = methods::built_in();
-    let method = registry.method(way.method)?;
-    let own = case.set.iter().filter(|(method, _, _)| *method == way.method).map(|&(_, key, value)| (key, value));
+    let method = registry.method(name)?;
+    let own = case.set.iter().filter(|(method, _, _)| *method == name).map(|&(_, key, value)| (key, value));
     let given: Vec<(String, String)> =
-        way.set.iter().copied().chain(own).map(|(k, v)| (k.to_owned(), v.to_owned())).collect();
+        set.iter().copied().chain(own).map(|(k, v)| (k.to_owned(), v.to_owned())).collect();
     let settings = BakeSettings {
         samples: case.samples,
-        for_lights: case.lamps.iter().map(|lamp| lamp.kind()).collect(),
+        for_lights: kinds(case),
         probes: probes::for_bake(&imported.scene),
         ..BakeSettings::new(method.default_max_rms())
     };
-    let asset = method.recipe(&given, settings)?.bake(imported.scene, imported.origin.into(), &Silent)?;
-    let sizes = sizes(&asset.to_bytes()?)?;
-    let bytes = (sizes.stored_without_mesh + sizes.stored_environment) as f64;
-    let vertices = asset.scene.mesh.local_mm.len().max(1) as f64;
-    Ok((asset, bytes / vertices))
+    method.recipe(&given, settings)?.bake(imported.scene, imported.origin.into(), &Silent)
+}
+
+/// The asset of the planner, its model, what was asked of it and what it is told to be; an error where the request is missed.
+fn planned(case: &Case, model: Model, imported: Imported) -> Result<(Asset, Model, Option<(f64, VertexError)>)> {
+    const MEMORY: u64 = 4 << 30;
+    let registry = methods::built_in();
+    let setting = Setting {
+        registry: &registry,
+        provenance: imported.origin.into(),
+        max_memory: MEMORY,
+        foresee: &|_| (),
+        cache: StageCache::default(),
+    };
+    let request = Request { max_rms_may_grow: true, model, ..Request::new(DEFAULT_MAX_RMS, kinds(case)) };
+    let Planned { plan, asset } = plan::bake(&request, &imported.scene, &setting, &Silent)?;
+    let found = plan.kept.and_then(|index| plan.attempts.get(index)).map(|attempt| attempt.error);
+    match (asset, found) {
+        (Some(asset), Some(found)) if plan.is_met() => {
+            Ok((asset, plan.request.model, Some((plan.request.max_rms, found))))
+        }
+        _ => Err(Error::new(ExitCode::QualityNotMet, plan.misses.join("; "))),
+    }
 }
 
 impl Opened {
     /// Whether the ledger of the asset makes the promise.
     fn is_stored(&self, case: &Case) -> bool {
-        self.asset.ledger.total_rms_without_environment() > 0.0 && case.edited.is_none()
+        self.asked.is_some() || self.asset.ledger.total_rms_without_environment() > 0.0 && case.edited.is_none()
     }
 
     /// What was promised: the ledger of an asset that holds transport, else what `--measure` tells.

@@ -1,5 +1,6 @@
 //! Lights of the suite, placed by the body that they fall on.
 
+use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -8,6 +9,7 @@ use translux::light::environment::EnvironmentMap;
 use translux::light::sky::{sky, sky_with_sun};
 use translux::light::{Light, LightKind};
 use translux::math::cube_map::texel_of;
+use translux::math::random::uniform;
 use translux::scene::Scene;
 
 /// A light by what is odd about it.
@@ -39,6 +41,8 @@ pub enum Lamp {
     LowSun,
     /// Parallel light without any.
     Black,
+    /// A light of a kind at random, by a seed.
+    Drawn(LightKind, u64),
 }
 
 impl Lamp {
@@ -61,6 +65,7 @@ impl Lamp {
             Self::LoneSun => "environment of a lone sun".to_owned(),
             Self::LowSun => "environment of a low sun".to_owned(),
             Self::Black => "black".to_owned(),
+            Self::Drawn(kind, seed) => format!("{} {seed}", kind.name()),
         }
     }
 
@@ -72,12 +77,13 @@ impl Lamp {
             Self::Area => LightKind::Area,
             Self::Constant => LightKind::Constant,
             Self::Sky | Self::SkyWithSun | Self::LoneSun | Self::LowSun => LightKind::Environment,
+            Self::Drawn(kind, _) => kind,
         }
     }
 
     /// Whether it is an environment with a sun in it.
     pub fn is_sun_of_environment(self) -> bool {
-        matches!(self, Self::SkyWithSun | Self::LoneSun | Self::LowSun)
+        matches!(self, Self::SkyWithSun | Self::LoneSun | Self::LowSun | Self::Drawn(LightKind::Environment, _))
     }
 
     /// The light; its irradiance where the body stands is about 1.
@@ -126,6 +132,44 @@ impl Lamp {
             Self::LoneSun => Light::environment(Arc::new(lone(20)?), 75.0, DVec3::ONE),
             Self::LowSun => Light::environment(Arc::new(lone(62)?), 75.0, DVec3::ONE),
             Self::Black => Light::directional(odd.normalize(), DVec3::ZERO),
+            Self::Drawn(kind, seed) => at_random(kind, seed, (centre, radius)),
+        }
+    }
+}
+
+/// A light of a kind around a ball: from any direction, 1.05 to 8 radii away where it has a place.
+fn at_random(kind: LightKind, seed: u64, (centre, radius): (DVec3, f64)) -> Result<Light> {
+    const STAGE: u64 = 93;
+    let next = |dimension: u64| uniform(STAGE, seed, dimension);
+    let direction = |first: u64| {
+        let y = 1.0 - 2.0 * next(first);
+        let (sin, cos) = (TAU * next(first + 1)).sin_cos();
+        let ring = (1.0 - y * y).max(0.0).sqrt();
+        DVec3::new(cos * ring, y, sin * ring)
+    };
+    let from = direction(0);
+    let distance = radius * 1.05 * (8f64 / 1.05).powf(next(2));
+    let at = centre + distance * from;
+    let colour = DVec3::new(0.5, 0.5, 0.5) + DVec3::new(next(3), next(4), next(5));
+    // Aimed at somewhere within the ball.
+    let to = centre + 0.5 * radius * direction(6);
+    match kind {
+        LightKind::Directional => Light::directional(from, colour),
+        LightKind::Point => Light::point(at, distance * distance * colour),
+        LightKind::Spot => Light::spot(at, to, 10.0 + 50.0 * next(8), next(9), distance * distance * colour),
+        LightKind::Area => {
+            let sides = [10, 11].map(|dimension| radius * (0.1 + next(dimension)));
+            let facing = (to - at).normalize_or(-from);
+            Light::area(at, facing, sides, distance * distance / (sides[0] * sides[1]) * colour, None)
+        }
+        LightKind::Constant => Light::constant(colour),
+        LightKind::Environment => {
+            let map = match (3.0 * next(8)) as u32 {
+                0 => sky(),
+                1 => sky_with_sun(),
+                _ => lone((5.0 + 115.0 * next(9)) as usize)?,
+            };
+            Light::environment(Arc::new(map), 360.0 * next(10), colour)
         }
     }
 }

@@ -5,31 +5,53 @@
 pub mod bodies;
 pub mod cases;
 pub mod cell;
+pub mod drawn;
 pub mod lamps;
 pub mod truth;
+
+use translux::evaluate::Model;
+use translux::transport::calibration::Walks;
 
 pub use cases::{Case, cases};
 pub use cell::{Cell, Session, Verdict};
 
-/// A way to bake: a method, and keys that make another way of it.
+/// A way to bake: a method, and keys that make another way of it; or the planner, which chooses both.
 #[derive(Clone, Copy, Debug)]
 pub struct Way {
     /// Name in tables.
     pub name: &'static str,
-    /// The method.
-    pub method: &'static str,
-    /// Its keys, beside those of a case.
-    pub set: &'static [(&'static str, &'static str)],
+    pub by: By,
+}
+
+/// What bakes.
+#[derive(Clone, Copy, Debug)]
+pub enum By {
+    /// A method with some of its keys, beside those of a case, and the dipole.
+    Method(&'static str, &'static [(&'static str, &'static str)]),
+    /// The planner, with the defaults of the command line but for the model.
+    Planner(Model),
+}
+
+const fn method(name: &'static str) -> Way {
+    Way { name, by: By::Method(name, &[]) }
 }
 
 /// All methods, and `editable` with stored transport.
 pub const WAYS: [Way; 8] = [
-    Way { name: "reference", method: "reference", set: &[] },
-    Way { name: "two_pass", method: "two_pass", set: &[] },
-    Way { name: "editable", method: "editable", set: &[] },
-    Way { name: "editable stored", method: "editable", set: &[("transport", "stored")] },
-    Way { name: "quantized_lights", method: "quantized_lights", set: &[] },
-    Way { name: "all_frequency", method: "all_frequency", set: &[] },
-    Way { name: "texture_space", method: "texture_space", set: &[] },
-    Way { name: "filtered_normals", method: "filtered_normals", set: &[] },
+    method("reference"),
+    method("two_pass"),
+    method("editable"),
+    Way { name: "editable stored", by: By::Method("editable", &[("transport", "stored")]) },
+    method("quantized_lights"),
+    method("all_frequency"),
+    method("texture_space"),
+    method("filtered_normals"),
 ];
+
+/// The planner with each model.
+pub fn planned() -> [Way; 2] {
+    [
+        Way { name: "auto", by: By::Planner(Model::Calibrated(Walks::default())) },
+        Way { name: "auto --model dipole", by: By::Planner(Model::Dipole) },
+    ]
+}

@@ -4,15 +4,17 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use glam::DVec3;
-use translux::asset::Provenance;
+use translux::asset::{Asset, Provenance};
 use translux::error::{Error, Result};
 use translux::evaluate::exitance::MeshPoint;
-use translux::evaluate::{BakeSettings, Evaluator};
-use translux::light::{Light, LightKind};
+use translux::evaluate::{BakeSettings, Evaluator, Model};
+use translux::light::Light;
 use translux::math::statistics::{VertexError, vertex_error};
 use translux::methods;
 use translux::progress::Silent;
 use translux::scene::Scene;
+use translux_format::RawSection;
+use translux_format::calibration::tags;
 
 /// Vertices that are looked at, at most.
 const MOST: usize = 1000;
@@ -23,6 +25,7 @@ const SOFT: usize = 1 << 14;
 
 /// The same where methods have their own, more than in other rows.
 const SHARP_OF_MANY: usize = 3 << 16;
+const SOFT_OF_MANY: usize = 1 << 16;
 
 /// Some vertices with the area around each.
 pub struct Places {
@@ -74,19 +77,36 @@ pub struct Truth {
     pub places: Places,
     sums: BTreeMap<(bool, usize), Box<dyn Evaluator>>,
     sharp: usize,
+    soft: usize,
+    model: Model,
+    /// Sections of the kernels of a calibrated model.
+    kernels: Vec<RawSection>,
 }
 
 impl Truth {
     /// A truth for methods with the numbers of samples that they choose, or with the few of the suite.
     pub fn new(scene: &Scene, many: bool) -> Self {
-        let sharp = if many { SHARP_OF_MANY } else { SHARP };
-        Self { places: Places::new(scene), sums: BTreeMap::new(), sharp }
+        let [sharp, soft] = if many { [SHARP_OF_MANY, SOFT_OF_MANY] } else { [SHARP, SOFT] };
+        Self {
+            places: Places::new(scene),
+            sums: BTreeMap::new(),
+            sharp,
+            soft,
+            model: Model::Dipole,
+            kernels: Vec::new(),
+        }
+    }
+
+    /// The truth of the model of an asset, with its kernels where they are calibrated.
+    pub fn of_asset(scene: &Scene, model: Model, asset: &Asset) -> Self {
+        let sections = asset.sections.iter().filter(|section| tags::ALL.contains(&section.tag));
+        Self { model, kernels: sections.cloned().collect(), ..Self::new(scene, true) }
     }
 
     /// Radiosity under a light, and the error of that: the difference from half as many samples.
     pub fn under(&mut self, scene: &Scene, light: &Light) -> Result<(Vec<DVec3>, f64)> {
-        let soft = !matches!(light.kind(), LightKind::Directional | LightKind::Point);
-        let count = if soft { SOFT.max((2 * scene.mesh.triangles.len()).min(self.sharp)) } else { self.sharp };
+        let soft = !light.is_sharp();
+        let count = if soft { self.soft.max((2 * scene.mesh.triangles.len()).min(self.sharp)) } else { self.sharp };
         let values = self.at(scene, (soft, count), light)?;
         let coarser = self.at(scene, (soft, count / 2), light)?;
         let own = self.places.error(&coarser, &values).or_none().rms;
@@ -94,10 +114,10 @@ impl Truth {
     }
 
     fn at(&mut self, scene: &Scene, (soft, count): (bool, usize), light: &Light) -> Result<Vec<DVec3>> {
-        let Self { places, sums, .. } = self;
+        let Self { places, sums, model, kernels, .. } = self;
         let evaluator = match sums.entry((soft, count)) {
             std::collections::btree_map::Entry::Occupied(found) => found.into_mut(),
-            std::collections::btree_map::Entry::Vacant(free) => free.insert(made(scene, count)?),
+            std::collections::btree_map::Entry::Vacant(free) => free.insert(made(scene, count, (*model, kernels))?),
         };
         evaluator.set_lights(vec![light.clone()], &Silent)?;
         evaluator.prepare_points(&Silent)?;
@@ -107,10 +127,16 @@ impl Truth {
 }
 
 /// `reference` with so many samples.
-fn made(scene: &Scene, samples: usize) -> Result<Box<dyn Evaluator>> {
+fn made(scene: &Scene, samples: usize, (model, kernels): (Model, &[RawSection])) -> Result<Box<dyn Evaluator>> {
     let registry = methods::built_in();
     let method = registry.method("reference")?;
-    let settings = BakeSettings { samples: Some(samples), ..BakeSettings::new(method.default_max_rms()) };
+    let settings = BakeSettings {
+        samples: Some(samples),
+        model,
+        kernels: kernels.to_vec(),
+        tells_model: false,
+        ..BakeSettings::new(method.default_max_rms())
+    };
     let asset = method.recipe(&[], settings)?.bake(scene.clone(), Provenance::default(), &Silent)?;
     registry.open(Arc::new(asset))
 }

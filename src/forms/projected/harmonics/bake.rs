@@ -294,6 +294,7 @@ fn measure(
     progress: &dyn Progress,
 ) -> Result<()> {
     let (sampled, folded) = (work.sampled, beside.folded);
+    work.enter_sampling(ledger, progress)?;
     // Rays of single scattering take their time.
     let most = if folded.is_some() { MOST_TRACED } else { usize::MAX };
     let chosen: Vec<usize> = (0..net.point.len()).step_by(net.point.len().div_ceil(most).max(1)).collect();

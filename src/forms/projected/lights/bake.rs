@@ -13,7 +13,7 @@ use super::light_set::{LightSet, light_net, light_spacing};
 use super::seen::UnderSet;
 use super::settings::{LightSetSettings, QuantisedLights};
 use crate::asset::Asset;
-use crate::compress::ledger::Ledger;
+use crate::compress::ledger::{Ledger, SUN_ALONE};
 use crate::compress::prediction::Net;
 use crate::error::Result;
 use crate::evaluate::form::write_error;
@@ -42,6 +42,9 @@ const SPATIAL: f64 = 0.42;
 const CODED: f64 = 0.45;
 const HIERARCHY: f64 = 0.1;
 const BETWEEN_LIGHTS: f64 = 0.65;
+
+/// Light without sharp shadows, but for that of suns in an environment.
+const SOFT: [LightKind; 2] = [LightKind::Environment, LightKind::Constant];
 
 /// Directions of the first set, from whose error the number is chosen, those of the second at most, and the largest number.
 const FIRST_SET: usize = 200;
@@ -215,9 +218,13 @@ impl Form for QuantisedLights {
             sections.extend(calibration);
             progress.finish();
             let mut ledger = Ledger::default();
+            let near = NearField::for_error(settings.max_rms);
+            let soft = settings.for_lights.iter().all(|kind| SOFT.contains(kind));
+            let judges = if soft { of_kinds(&served, &SOFT) } else { sharp(&served) };
+            sampled.enter_sampling(&judges, near, &mut ledger, progress)?;
             ledger.add("hierarchy", hierarchy, "against all pairs, on vertices that no tuning saw");
             let baked = (&set, &net, values.as_slice(), &file);
-            measure((&sampled, &truths), baked, &needed, &mut ledger, progress)?;
+            measure((&sampled, &truths), baked, (&needed, soft), &mut ledger, progress)?;
             Ok(AssetParts::without_samples(scene, ledger, sections))
         })
     }
@@ -227,9 +234,14 @@ impl Form for QuantisedLights {
     }
 }
 
+/// The directional and point lights among some.
+fn sharp(lights: &[Light]) -> Vec<Light> {
+    of_kinds(lights, &[LightKind::Directional, LightKind::Point])
+}
+
 /// `count` or fewer of the directional and point lights, spread over all.
 pub fn chosen(lights: &[Light], count: usize) -> Vec<Light> {
-    spread(&of_kinds(lights, &[LightKind::Directional, LightKind::Point]), count).cloned().collect()
+    spread(&sharp(lights), count).cloned().collect()
 }
 
 /// Radiosities `[point][channel][light]` of some receivers, whose number `all` is told.
@@ -347,14 +359,14 @@ fn served(set: &LightSet, lights: &[Light]) -> Vec<Light> {
 fn measure(
     (sampled, truths): (&SampledScene, &Truths),
     (set, net, values, file): (&LightSet, &Net, &[f32], &File),
-    needed: &Needed,
+    (needed, soft): (&Needed, bool),
     ledger: &mut Ledger,
     progress: &dyn Progress,
 ) -> Result<()> {
     let transport = transport(file, sampled.scene, &sampled.receivers, set)?;
     let points = sampled.probes(net.point.clone());
     progress.start("errors", truths.lights().len() as u64);
-    let errors = worst(truths.lights().iter().enumerate(), |(index, &light)| {
+    let under = |(index, light): (usize, &Light)| {
         progress.advance(1);
         let truth = truths.under(index)?;
         let between = interpolated(set, values, light)?;
@@ -365,7 +377,12 @@ fn measure(
             spatial_error(sampled, net, file.spacing_mm, std::slice::from_ref(&truth)),
             points.error(&coded, &between),
         ])
-    })?;
+    };
+    // Where soft light alone is asked for, suns are what an environment may be dark but for.
+    let (suns, judges): (Vec<_>, Vec<_>) =
+        truths.lights().iter().copied().enumerate().partition(|(_, light)| soft && !SOFT.contains(&light.kind()));
+    let errors: [VertexError; 3] = worst(judges.into_iter(), under)?;
+    let alone: [VertexError; 3] = worst(suns.into_iter(), under)?;
     progress.finish();
     let count = set.lights.directions.count();
     let mut note = format!("interpolation between {count} directions, under lights that no choice saw");
@@ -381,5 +398,9 @@ fn measure(
     ledger.add("lights", errors[0], note);
     ledger.add("reference points", errors[1], format!("interpolation from {} of them, as above", net.point.len()));
     ledger.add("coding", errors[2], "basis of the lights and quantiser, as above");
+    if soft {
+        let whole = alone.into_iter().reduce(VertexError::beside).unwrap_or_default();
+        ledger.add(SUN_ALONE, whole, "all stages together under an environment that is dark but for a sun");
+    }
     Ok(())
 }
