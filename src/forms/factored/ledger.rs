@@ -28,7 +28,6 @@ use crate::transport::gather::{Gather, Scheme};
 use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::near_field::{Near, around, far_all_pairs};
-use crate::transport::near_rule::NearField;
 use crate::transport::receivers::{Group, ProbePoints, Receivers};
 use crate::transport::tree::SampleTree;
 
@@ -141,7 +140,7 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
     Ok(ledger)
 }
 
-/// Error of the near field, the worst of a few lights: against all pairs by the rule of the truth less their far field.
+/// Error of the near field beside the far one, the worst of a few lights, against all pairs of whole kernels.
 fn near_error(Work { scene, ordered, form, .. }: Work, lit: &[(Vec<DVec3>, Pieces)]) -> VertexError {
     let areas = ordered.receivers.areas_mm2(&scene.mesh);
     let (subset, points) = probe_points(&ordered.receivers, &areas);
@@ -150,7 +149,8 @@ fn near_error(Work { scene, ordered, form, .. }: Work, lit: &[(Vec<DVec3>, Piece
     let lengths = (ordered.split_mm, scene.mesh.diagonal_mm());
     let around = around(&surface, &subset, form.near, ordered.split_mm);
     let near = Near::new(surface, (&around, &ordered.corners), &kernels, form.near, ordered.split_mm);
-    let gather = Gather::with_kernels(&surface, &tree, kernels.clone(), NearField::REFERENCE);
+    // What the rule in force misses is in the error of sampling.
+    let gather = Gather::with_kernels(&surface, &tree, kernels.clone(), form.near);
     let step = (lit.len() / NEAR_LIGHTS).max(1);
     let of_light = |(irradiance, pieces): &(Vec<DVec3>, Pieces)| {
         let light = gather.light_with_pieces(irradiance, pieces);
