@@ -37,6 +37,7 @@ const RUNS: usize = 3;
 
 /// Truth that assets of a scene are judged by.
 pub(super) struct Verdict {
+    scene: Scene,
     truth: Truth,
     /// Samples of the assets that it is fine enough for.
     judges: usize,
@@ -66,7 +67,7 @@ impl Verdict {
         }
         let places = if between { Places::between(scene, PLACES, 1) } else { Places::new(scene, PLACES, 1) };
         let truth = Truth::new(sums, (lights, places), progress)?;
-        Ok(Self { truth, judges })
+        Ok(Self { scene: scene.clone(), truth, judges })
     }
 
     /// Returns whether the truth is fine enough for a candidate.
@@ -84,11 +85,12 @@ impl Verdict {
         progress: &dyn Progress,
     ) -> Result<(Attempt, Option<f64>)> {
         let (mut worst, mut worst_light, mut largest) = (VertexError::default(), String::new(), -1.0);
+        let samples = candidate.forecast.erring_samples().unwrap_or(0);
         progress.start("verdict", self.truth.lights.len() as u64);
         for (index, light) in self.truth.lights.iter().enumerate() {
             evaluator.set_lights(vec![light.clone()], &Silent)?;
             let values = self.truth.places.exitance(evaluator.as_mut())?;
-            let error = self.truth.error(index, &values);
+            let error = self.truth.error(index, &values, (&self.scene, samples));
             if error.rms > largest {
                 (largest, worst_light) = (error.rms, name(light));
             }

@@ -13,8 +13,10 @@ pub(super) const AZIMUTHS: usize = 12;
 
 pub(super) const DISTANCES: usize = 4;
 
-/// Distances shorter than this share of the radius of a sample stay in it.
-const SHORT: f64 = 0.25;
+/// Places of a sample that its neighbours are looked up from, one for each direction and distance: all of them together have what comes to the
+/// whole of it, where its centre alone would jump from one neighbour to the next. Of moved light on bunny_3k in cream (44 mm, 65,536
+/// samples 1.4 free paths apart) that misses 0.8 % in place of 1.2 %, at the cost of the centre alone.
+const PLACES: usize = 4;
 
 /// Heights over the tangent plane within which surface is found, over the distance.
 const SLOPE: f64 = 1.25;
@@ -157,6 +159,22 @@ fn turn_of(v: DVec2) -> f64 {
     if v.y < 0.0 { 1.0 - half } else { half }
 }
 
+/// Places of a sample that stand for a fourth of it each: the thirds at its corners and the middle, or triangles among those of a cluster.
+fn places(surface: &Surface, sample: usize) -> [DVec3; PLACES] {
+    let mesh = surface.domain.mesh;
+    match surface.samples.patch(sample) {
+        [facet] => {
+            let [a, b, c] = facet.corners_local_mm(mesh);
+            let centre = (a + b + c) / 3.0;
+            [centre.lerp(a, 0.5), centre.lerp(b, 0.5), centre.lerp(c, 0.5), centre]
+        }
+        facets => std::array::from_fn(|k| {
+            let facet = facets.get((2 * k + 1) * facets.len() / (2 * PLACES));
+            facet.map_or(DVec3::ZERO, |f| f.corners_local_mm(mesh).iter().sum::<DVec3>() / 3.0)
+        }),
+    }
+}
+
 /// Neighbours of a sample of a part along the surface, up to a distance, mm.
 pub(super) fn neighbours(surface: &Surface, facets: &Facets, (sample, part): (usize, u32), farthest_mm: f64) -> Around {
     let patch = &surface.patches[sample];
@@ -166,17 +184,18 @@ pub(super) fn neighbours(surface: &Surface, facets: &Facets, (sample, part): (us
         [facet] => Some((facet.triangle, mesh.corners_local_mm(facet.triangle))),
         _ => None,
     };
+    let places = places(surface, sample);
     let mut around = [[sample as u32; DISTANCES]; AZIMUTHS];
     for (azimuth, of_azimuth) in around.iter_mut().enumerate() {
         let (sin, cos) = (azimuth as f64 * TAU / AZIMUTHS as f64).sin_cos();
         let along = cos * frame.axes[0] + sin * frame.axes[1];
         for (k, found) in of_azimuth.iter_mut().enumerate() {
             let far = farthest_mm / f64::from(1u32 << (DISTANCES - 1 - k));
-            if far < SHORT * patch.radius_mm || !far.is_finite() {
+            if !far.is_finite() {
                 continue;
             }
             // In its own triangle no surface is nearer to the plane.
-            let there = patch.centre_mm + far * along;
+            let there = places[(azimuth + azimuth / PLACES + 2 * k + 3 * sample) % PLACES] + far * along;
             if let Some((triangle, corners)) = own
                 && is_inside(corners, frame.normal, there)
                 && let Some(neighbour) = facets.at(triangle, there)
