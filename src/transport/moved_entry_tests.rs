@@ -10,6 +10,38 @@ use crate::math::sh::real_sh;
 use crate::progress::Silent;
 use crate::transport::test_scene::{Fixture, named};
 
+/// Irradiance that is even within each sample, moved.
+fn even_moved(entry: &MovedEntry, surface: &Surface, light: &Light, irradiance: &[DVec3]) -> Vec<DVec3> {
+    entry.moved(surface, light, (irradiance.to_vec(), Pieces::NONE)).0
+}
+
+/// The edge of a shadow on coarse samples: what is brighter within one keeps that as far as its light stays there, which is all of it where light comes
+/// from above.
+#[test]
+fn what_is_uneven_within_a_sample_stays_as_far_as_its_light_does() {
+    let plane = (shapes::plane(40.0, 40.0, 7), DVec3::ZERO);
+    let roof = (shapes::plane(10.0, 10.0, 1), DVec3::new(0.0, 6.0, 0.0));
+    let fixture = Fixture::new(shapes::compose(&[plane, roof]), named("marble"), 6000);
+    let surface = fixture.surface();
+    let entry = MovedEntry::new(&surface, |_| true);
+    let etas = [named("marble").eta_inside_over_outside];
+    let largest = |pieces: &Pieces| pieces.deviations().iter().map(|e| e.abs().max_element()).fold(0.0, f64::max);
+    let of = |from: DVec3| {
+        let light = Light::Directional { from: from.normalize(), irradiance: DVec3::ONE };
+        let lit = Illumination::new(&surface, std::slice::from_ref(&light), &etas, LightSampling::FAST).unwrap();
+        let (irradiance, pieces) = lit.all_with_pieces(&Silent);
+        let before = largest(&pieces);
+        assert!(before > 0.1, "{before}");
+        let (_, after) = entry.moved(&surface, &light, (irradiance, pieces.clone()));
+        let both = pieces.clone().beside(after.clone());
+        assert_eq!(both.deviations().len(), after.deviations().len());
+        assert!((largest(&both) - largest(&pieces) - largest(&after)).abs() < 1e-9 * before);
+        largest(&after) / before
+    };
+    let [above, aside] = [DVec3::Y, DVec3::new(2.0, 1.0, 0.3)].map(of);
+    assert!((above - 1.0).abs() < 1e-9 && aside > 0.05 && aside < 0.9, "{above} {aside}");
+}
+
 #[test]
 fn light_on_a_plane_moves_by_the_tangential_part_of_a_free_path() {
     // Steps go to the nearest of the samples, so that those of coarser ones are shorter: by 7 % where they lie a step apart.
@@ -18,7 +50,7 @@ fn light_on_a_plane_moves_by_the_tangential_part_of_a_free_path() {
     let light = Light::Directional { from: DVec3::new(0.8, 0.6, 0.0), irradiance: DVec3::ONE };
     let spot = |at: DVec3| if at.x.abs() < 2.0 && at.z.abs() < 2.0 { DVec3::ONE } else { DVec3::ZERO };
     let before: Vec<DVec3> = surface.patches.iter().map(|p| spot(p.centre_mm)).collect();
-    let after = MovedEntry::new(&surface, |_| true).moved(&surface, &light, &before);
+    let after = even_moved(&MovedEntry::new(&surface, |_| true), &surface, &light, &before);
     let properties = named("marble");
     let sine = 0.8 / properties.eta_inside_over_outside;
     for c in 0..3 {
@@ -42,7 +74,7 @@ fn even_light_stays_even_and_rows_move_as_single_lights_do() {
     let light = Light::Directional { from: DVec3::new(0.6, 0.4, 0.5).normalize(), irradiance: DVec3::ONE };
     let inside = |patch: &Patch| patch.centre_mm.x.abs().max(patch.centre_mm.z.abs()) < 5.0;
     let even = vec![DVec3::ONE; surface.samples.len()];
-    let moved = entry.moved(&surface, &light, &even);
+    let moved = even_moved(&entry, &surface, &light, &even);
     let far_from_edges: Vec<DVec3> =
         moved.iter().zip(surface.patches).filter(|(_, patch)| inside(patch)).map(|(e, _)| *e).collect();
     for e in &far_from_edges {
@@ -54,7 +86,7 @@ fn even_light_stays_even_and_rows_move_as_single_lights_do() {
     let rows = IrradianceRows { lights: 2, by_channel: false, values };
     let rows = entry.moved_rows(&surface, &[light.clone(), light.clone()], rows);
     assert!(rows.by_channel && rows.under(1).iter().all(|e| *e == DVec3::ZERO));
-    for (row, e) in rows.under(0).iter().zip(entry.moved(&surface, &light, &spot)) {
+    for (row, e) in rows.under(0).iter().zip(even_moved(&entry, &surface, &light, &spot)) {
         assert!((*row - e).abs().max_element() < 1e-6, "{row} {e}");
     }
 }
@@ -67,9 +99,9 @@ fn light_that_finds_no_surface_stays_and_light_from_all_around_too() {
     let point = Light::Point { at_mm: DVec3::new(3.0, 20.0, 1.0), intensity: DVec3::ONE };
     let flux = |values: &[DVec3]| values.iter().zip(surface.patches).map(|(e, p)| *e * p.area_mm2).sum::<DVec3>();
     let entry = MovedEntry::new(&surface, |_| true);
-    let after = entry.moved(&surface, &point, &before);
+    let after = even_moved(&entry, &surface, &point, &before);
     assert!((flux(&after) - flux(&before)).abs().max_element() < 1e-9 * flux(&before).x && after != before);
-    assert_eq!(entry.moved(&surface, &Light::Constant { radiance: DVec3::ONE }, &before), before);
+    assert_eq!(even_moved(&entry, &surface, &Light::Constant { radiance: DVec3::ONE }, &before), before);
 }
 
 #[test]
@@ -85,7 +117,7 @@ fn skies_move_as_the_sum_of_their_suns_and_light_from_everywhere_stays() {
         .map(|from| {
             let light = Light::Directional { from: *from, irradiance: DVec3::ONE };
             let lit = Illumination::new(&surface, std::slice::from_ref(&light), &etas, ONE_RAY).unwrap().all(&Silent);
-            [entry.moved(&surface, &light, &lit), lit]
+            [even_moved(&entry, &surface, &light, &lit), lit]
         })
         .collect();
     for (power, moved_by, allowed) in [(0, 0.0, 0.01), (1, 0.02, 0.012), (3, 0.04, 0.02)] {
@@ -122,7 +154,7 @@ fn an_area_light_moves_as_the_points_that_it_is_made_of() {
     let of = |light: &Light| {
         let lit =
             Illumination::new(&surface, std::slice::from_ref(light), &etas, LightSampling::FAST).unwrap().all(&Silent);
-        let moved = entry.moved(&surface, light, &lit);
+        let moved = even_moved(&entry, &surface, light, &lit);
         let norm = |v: &[DVec3]| v.iter().map(|e| e.length_squared()).sum::<f64>().sqrt();
         let changes: Vec<DVec3> = lit.iter().zip(&moved).map(|(a, b)| *b - *a).collect();
         (norm(&changes) / norm(&lit), moved, norm(&lit))

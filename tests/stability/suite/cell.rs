@@ -257,13 +257,15 @@ fn refused(case: &Case, lamp: Lamp, way: &Way, why: &Error) -> Cell {
     Cell::without_figures(case, lamp, way.name, verdict, vec![why.message().to_owned()])
 }
 
+/// What was asked of a planned asset, and the error that the planner found.
+type Asked = (f64, VertexError);
+
 /// An asset, ready.
 struct Opened {
     asset: Asset,
     bytes_per_vertex: f64,
     model: Model,
-    /// What was asked of a planned asset, and the error that the planner found.
-    asked: Option<(f64, VertexError)>,
+    asked: Option<Asked>,
     evaluator: Box<dyn Evaluator>,
     /// The scene with the media in force.
     shown: Scene,
@@ -273,7 +275,10 @@ fn opened(case: &Case, way: &Way, imported: Imported) -> Result<Opened> {
     let mut shown = imported.scene.clone();
     let (asset, model, asked) = match way.by {
         By::Method(method, set) => (baked(case, (method, set), imported)?, Model::Dipole, None),
-        By::Planner(model) => planned(case, model, imported)?,
+        By::Planner(model) => {
+            let (asset, model, asked) = planned(case, model, imported)?;
+            (asset, model, Some(asked))
+        }
     };
     let sizes = sizes(&asset.to_bytes()?)?;
     let bytes = (sizes.stored_without_mesh + sizes.stored_environment) as f64;
@@ -308,7 +313,7 @@ fn baked(case: &Case, (name, set): (&str, &[(&'static str, &'static str)]), impo
 }
 
 /// The asset of the planner, its model, what was asked of it and what it is told to be; an error where the request is missed.
-fn planned(case: &Case, model: Model, imported: Imported) -> Result<(Asset, Model, Option<(f64, VertexError)>)> {
+fn planned(case: &Case, model: Model, imported: Imported) -> Result<(Asset, Model, Asked)> {
     const MEMORY: u64 = 4 << 30;
     let registry = methods::built_in();
     let setting = Setting {
@@ -322,9 +327,7 @@ fn planned(case: &Case, model: Model, imported: Imported) -> Result<(Asset, Mode
     let Planned { plan, asset } = plan::bake(&request, &imported.scene, &setting, &Silent)?;
     let found = plan.kept.and_then(|index| plan.attempts.get(index)).map(|attempt| attempt.error);
     match (asset, found) {
-        (Some(asset), Some(found)) if plan.is_met() => {
-            Ok((asset, plan.request.model, Some((plan.request.max_rms, found))))
-        }
+        (Some(asset), Some(found)) if plan.is_met() => Ok((asset, plan.request.model, (plan.request.max_rms, found))),
         _ => Err(Error::new(ExitCode::QualityNotMet, plan.misses.join("; "))),
     }
 }

@@ -381,8 +381,8 @@ fn measure(
     // Where soft light alone is asked for, suns are what an environment may be dark but for.
     let (suns, judges): (Vec<_>, Vec<_>) =
         truths.lights().iter().copied().enumerate().partition(|(_, light)| soft && !SOFT.contains(&light.kind()));
-    let errors: [VertexError; 3] = worst(judges.into_iter(), under)?;
-    let alone: [VertexError; 3] = worst(suns.into_iter(), under)?;
+    let errors: [VertexError; 3] = worst(judges, under)?;
+    let alone: [VertexError; 3] = worst(suns, under)?;
     progress.finish();
     let count = set.lights.directions.count();
     let mut note = format!("interpolation between {count} directions, under lights that no choice saw");
