@@ -21,10 +21,10 @@ fn even_moved(entry: &MovedEntry, surface: &Surface, light: &Light, irradiance: 
 fn what_is_uneven_within_a_sample_stays_as_far_as_its_light_does() {
     let plane = (shapes::plane(40.0, 40.0, 7), DVec3::ZERO);
     let roof = (shapes::plane(10.0, 10.0, 1), DVec3::new(0.0, 6.0, 0.0));
-    let fixture = Fixture::new(shapes::compose(&[plane, roof]), named("marble"), 6000);
+    let fixture = Fixture::new(shapes::compose(&[plane, roof]), named("skin1"), 6000);
     let surface = fixture.surface();
     let entry = MovedEntry::new(&surface, |_| true);
-    let etas = [named("marble").eta_inside_over_outside];
+    let etas = [named("skin1").eta_inside_over_outside];
     let largest = |pieces: &Pieces| pieces.deviations().iter().map(|e| e.abs().max_element()).fold(0.0, f64::max);
     let of = |from: DVec3| {
         let light = Light::Directional { from: from.normalize(), irradiance: DVec3::ONE };
@@ -39,7 +39,7 @@ fn what_is_uneven_within_a_sample_stays_as_far_as_its_light_does() {
         largest(&after) / before
     };
     let [above, aside] = [DVec3::Y, DVec3::new(2.0, 1.0, 0.3)].map(of);
-    assert!((above - 1.0).abs() < 1e-9 && aside > 0.05 && aside < 0.9, "{above} {aside}");
+    assert!((above - 1.0).abs() < 1e-9 && aside > 0.05 && aside < 0.8, "{above} {aside}");
 }
 
 #[test]

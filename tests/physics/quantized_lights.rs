@@ -68,7 +68,7 @@ fn radiosity_is_that_of_two_pass_within_the_promise() {
         assert!(values.iter().all(|v| v.cmpge(DVec3::ZERO).all()));
     }
     let stages: Vec<&str> = asset.ledger.entries.iter().map(|e| e.stage.as_str()).collect();
-    assert_eq!(stages, ["hierarchy", "lights", "reference points", "coding"]);
+    assert_eq!(stages, ["sampling", "hierarchy", "lights", "reference points", "coding"]);
     let bytes: usize = asset.sections.iter().map(|s| s.bytes.len()).sum();
     let per_vertex = bytes as f64 / scene.mesh.local_mm.len() as f64;
     println!("{per_vertex:.1} bytes/vertex");

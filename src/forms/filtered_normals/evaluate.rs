@@ -334,8 +334,7 @@ impl Evaluator for FilteredNormalsEvaluator {
     fn cost(&self) -> Cost {
         let of_point = 2 * size_of::<DVec3>() + size_of::<f64>() + size_of::<u32>();
         Cost {
-            // Light is looked at where it is evaluated.
-            samples: self.points.len(),
+            samples: self.numbers.samples as usize,
             receivers: self.points.len(),
             resident_bytes: size_of_val(self.dressed.fields.as_slice())
                 + of_point * self.points.len()
