@@ -159,7 +159,7 @@ fn near_error(Work { scene, ordered, form, .. }: Work, lit: &[(Vec<DVec3>, Piece
         near.add(&subset, (irradiance, pieces), &mut values, &Silent);
         points.error(&values, &truth)
     };
-    lit.iter().step_by(step).map(of_light).fold(VertexError::default(), VertexError::max)
+    lit.iter().step_by(step).take(NEAR_LIGHTS).map(of_light).fold(VertexError::default(), VertexError::max)
 }
 
 /// The far part of each receiver's own medium, summed over all samples.

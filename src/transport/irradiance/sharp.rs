@@ -298,7 +298,7 @@ impl Pieces {
     /// The pieces of the light of both, which are those of the same samples.
     #[must_use]
     pub(crate) fn beside(mut self, other: Self) -> Self {
-        if self.first.is_empty() {
+        if self.deviations.is_empty() {
             return other;
         }
         let count = other.count;

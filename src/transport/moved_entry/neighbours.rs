@@ -185,6 +185,8 @@ pub(super) fn neighbours(surface: &Surface, facets: &Facets, (sample, part): (us
         _ => None,
     };
     let places = places(surface, sample);
+    // By the triangle and its piece, whatever order samples stand in.
+    let turn = surface.samples.patch(sample).first().map_or(0, |f| f.triangle.wrapping_add(f.path) as usize % PLACES);
     let mut around = [[sample as u32; DISTANCES]; AZIMUTHS];
     for (azimuth, of_azimuth) in around.iter_mut().enumerate() {
         let (sin, cos) = (azimuth as f64 * TAU / AZIMUTHS as f64).sin_cos();
@@ -195,7 +197,7 @@ pub(super) fn neighbours(surface: &Surface, facets: &Facets, (sample, part): (us
                 continue;
             }
             // In its own triangle no surface is nearer to the plane.
-            let there = places[(azimuth + azimuth / PLACES + 2 * k + 3 * sample) % PLACES] + far * along;
+            let there = places[(azimuth + azimuth / PLACES + 2 * k + turn) % PLACES] + far * along;
             if let Some((triangle, corners)) = own
                 && is_inside(corners, frame.normal, there)
                 && let Some(neighbour) = facets.at(triangle, there)

@@ -382,7 +382,7 @@ fn measure(
     let (suns, judges): (Vec<_>, Vec<_>) =
         truths.lights().iter().copied().enumerate().partition(|(_, light)| soft && !SOFT.contains(&light.kind()));
     let errors: [VertexError; 3] = worst(judges, under)?;
-    let alone: [VertexError; 3] = worst(suns, under)?;
+    let alone: [VertexError; 3] = worst(suns.iter().copied(), under)?;
     progress.finish();
     let count = set.lights.directions.count();
     let mut note = format!("interpolation between {count} directions, under lights that no choice saw");
@@ -398,7 +398,7 @@ fn measure(
     ledger.add("lights", errors[0], note);
     ledger.add("reference points", errors[1], format!("interpolation from {} of them, as above", net.point.len()));
     ledger.add("coding", errors[2], "basis of the lights and quantiser, as above");
-    if soft {
+    if soft && !suns.is_empty() {
         let whole = alone.into_iter().reduce(VertexError::beside).unwrap_or_default();
         ledger.add(SUN_ALONE, whole, "all stages together under an environment that is dark but for a sun");
     }
