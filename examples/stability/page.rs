@@ -12,7 +12,7 @@ const HEAD: &str = "\
 Every method on bodies, media and lights that are odd in one way each, baked for the kind of light of the row and the error that is the method's default, against sums over all
 pairs of 65,536 samples (16,384 under soft light) with the rays of `reference`, at up to 1,000 vertices. A row is a body and a light; unless it says something else, the body is a head of
 642 vertices, 30 mm, in `skin1`, with 8,192 samples, under three suns: from an odd direction, edge-on to the largest flat area, from behind. The rows `head, suns`, `points` and `skies` have
-the samples that each method chooses, and a truth of 196,608. `scripts/stability` makes this page and [the table](stability.csv) again; `tests/stability` runs a few rows and fails where
+the samples that each method chooses, and a truth of 196,608 (65,536 under soft light). `scripts/stability` makes this page and [the table](stability.csv) again; `tests/stability` runs a few rows and fails where
 one is worse than recorded.
 
 **Promised** is the sum of the stages of the asset's ledger; where an asset holds no transport, what `evaluate --measure` tells. A cell passes where measured / promised lies between 0.5

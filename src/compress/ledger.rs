@@ -52,6 +52,11 @@ impl Ledger {
         }
     }
 
+    /// Adds the error under a sun alone, [`SUN_ALONE`].
+    pub fn add_sun_alone(&mut self, error: VertexError) {
+        self.add(SUN_ALONE, error, "all stages together under an environment that is dark but for a sun");
+    }
+
     /// Takes the larger error of each stage of another ledger; stages that are not here are added.
     pub fn worst_of(&mut self, other: Self) {
         for entry in other.entries {

@@ -4,7 +4,7 @@ use glam::DVec3;
 use translux_format::RawSection;
 
 use super::settings::{Distant, KINDS, Single};
-use crate::compress::ledger::{Ledger, SUN_ALONE};
+use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::evaluate::stage_cache::Key;
 use crate::evaluate::stages::{of_kinds, spread, worst};
@@ -118,7 +118,7 @@ impl Work<'_, '_> {
     /// Enters the error under a sun alone, where environments may be one.
     pub(crate) fn enter_sun(&self, ledger: &mut Ledger, error: VertexError) {
         if !self.unseen.environments.is_empty() && !self.unseen.suns.is_empty() {
-            ledger.add(SUN_ALONE, error, "all stages together under an environment that is dark but for a sun");
+            ledger.add_sun_alone(error);
         }
     }
 }

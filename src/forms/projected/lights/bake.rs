@@ -13,7 +13,7 @@ use super::light_set::{LightSet, light_net, light_spacing};
 use super::seen::UnderSet;
 use super::settings::{LightSetSettings, QuantisedLights};
 use crate::asset::Asset;
-use crate::compress::ledger::{Ledger, SUN_ALONE};
+use crate::compress::ledger::Ledger;
 use crate::compress::prediction::Net;
 use crate::error::Result;
 use crate::evaluate::form::write_error;
@@ -399,8 +399,7 @@ fn measure(
     ledger.add("reference points", errors[1], format!("interpolation from {} of them, as above", net.point.len()));
     ledger.add("coding", errors[2], "basis of the lights and quantiser, as above");
     if soft && !suns.is_empty() {
-        let whole = alone.into_iter().reduce(VertexError::beside).unwrap_or_default();
-        ledger.add(SUN_ALONE, whole, "all stages together under an environment that is dark but for a sun");
+        ledger.add_sun_alone(alone.into_iter().reduce(VertexError::beside).unwrap_or_default());
     }
     Ok(())
 }
